@@ -35,7 +35,7 @@ cluster: .venv/cluster.stamp ## the tests of Dask, Ray and S3 (installs them)
 	$(BIN)/python -m pytest -n0 tests/cluster $(ARGS)
 
 dask: .venv/dask.stamp ## the shortest tests of Dask alone (installs it)
-	$(BIN)/python -m pytest -n0 tests/cluster/test_engines.py -k "changes_nothing and not ray" $(ARGS)
+	$(BIN)/python -m pytest -n0 tests/cluster/test_dask.py -k changes_nothing $(ARGS)
 
 mutations: .venv/deep.stamp ## make mistakes in a copy; the tests must catch each (installs torch; ARGS="lock")
 	$(BIN)/python tests/mutations.py --jobs $(WORKERS) $(ARGS)
@@ -98,7 +98,7 @@ clean: ## remove .venv, caches and builds (results stay)
 	@touch $@
 
 .venv/cluster.stamp: .venv/test.stamp
-	@$(INSTALL) '.[dask,ray]' 'moto[server]>=5'
+	@$(INSTALL) '.[dask,url]' 'ray>=2.40' s3fs 'moto[server]>=5'
 	@touch $@
 
 .venv/dist.stamp: .venv/test.stamp

@@ -24,6 +24,7 @@ import argparse
 import resource
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -33,6 +34,7 @@ from typing import Any
 
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.running import Progress
+from curricle.study.workers import dask_cluster
 
 UNITS = (1_000, 10_000, 100_000)
 UNITS_A_SEED = 3
@@ -72,14 +74,17 @@ class Run:
         )
         self.wall.append(perf_counter())
         self.driver.append(thread_time())
-        where: dict[str, Any] = {"on": self.on} if self.on else {"workers": self.workers}
-        run_study(study, self.path, resume=True, progress=self.note, report=_silent, **where)
+        how: dict[str, Any] = {"resume": True, "progress": self.note, "report": _silent}
+        with dask_cluster(self.on) if self.on else nullcontext() as cluster:
+            if cluster is not None:
+                how |= {"executor": cluster.executor}
+            run_study(study, self.path, workers=cluster.workers if cluster else self.workers, **how)
         self.wall.append(perf_counter())
         return self
 
 
 def _silent(sentence: str) -> None:
-    """Drop a remark on the engine."""
+    """Drop a remark."""
 
 
 def peak() -> float:
@@ -148,7 +153,7 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help="1,000 units only")
     parser.add_argument("--units", type=int, nargs="+", default=UNITS)
-    parser.add_argument("--on", help="a cluster: dask or ray, or one at an address")
+    parser.add_argument("--on", help="a Dask cluster: dask, or one at an address")
     parser.add_argument("--ratio", action="store_true", help="the cluster against two threads")
     given = parser.parse_args()
     with TemporaryDirectory() as folder:  # compiles

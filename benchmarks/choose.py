@@ -16,9 +16,9 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.pairs import pairs
-from curricle.design.choice import KINDS, MOST, trial_curricula
+from curricle.comparison.choice import KINDS, MOST, trial_curricula
 from curricle.paper.mazes import MAP
-from curricle.planning.policy_evaluation import Target
+from curricle.planning.target import Target
 from curricle.tasks import (
     four_rooms_family,
     frozen_lake_family,

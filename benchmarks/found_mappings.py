@@ -50,9 +50,11 @@ def gains(
     try:
         best, words = auto_mapping(target, source), ""
     except MappingError:
-        best, words = find_mappings(target, source)[0], "refused, and accepted all the same: "
-    arms["auto"] = made([cr.Transfer("source", "target", best.mapping)])
-    print(f"  {name}: {words}{best}")
+        best = next(iter(find_mappings(target, source)), None)
+        words = "refused, and accepted all the same: "
+    print(f"  {name}: {'none found' if best is None else f'{words}{best}'}")
+    if best is not None:
+        arms["auto"] = made([cr.Transfer("source", "target", best.mapping)])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = cr.compare(arms, seeds=seeds, opponents=())

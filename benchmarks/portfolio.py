@@ -28,7 +28,7 @@ from benchmarks.pairs.pair import Family, levels
 from benchmarks.pairs.worlds import task_of
 from benchmarks.portfolio_pairs import UNSEEN
 from curricle.learning import OptimisticQLearning
-from curricle.planning.policy_evaluation import Target
+from curricle.planning.target import Target
 from curricle.statistics.curves import Curve, mean_return
 
 PARTS, MOST_LOSS, LEAST_KEPT = 20, 0.1, 0.85

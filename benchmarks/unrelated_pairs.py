@@ -24,8 +24,9 @@ import numpy as np
 import curricle as cr
 from benchmarks.found_mappings import pair_cases
 from benchmarks.pairs import Split, pairs
-from curricle.transfer import find_mappings
-from curricle.transfer.search import LEAST_REGAINED, MOST_UNEXPLAINED, clears_bar
+from curricle.tasks.mdp import live_pairs
+from curricle.transfer import Proposal, TaskPair, find_mappings
+from curricle.transfer.search import LEAST_REGAINED, MOST_UNEXPLAINED, SEARCHES, clears_bar
 
 TARGET_STEPS, SOURCE_STEPS = 20_000, 500
 LIMITS = (0.2, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -116,12 +117,23 @@ def unrelated(number: int) -> tuple[str, Any, Any]:
             return f"{target.__name__} <- {source.__name__}", target(rng), source(rng)
 
 
+def by_nearest_value(tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield the mapping of each pair to the source pair of the nearest Q*, which any source has."""
+    readable = np.flatnonzero(live_pairs(tasks.source_mdp))
+    q = tasks.target_solution.finite_action_values[..., None]
+    of_source = tasks.source_solution.finite_action_values.ravel()[readable]
+    yield tasks.proposal(readable[abs(q - of_source).argmin(axis=2)], "nearest value")
+
+
+SEARCHED = (*SEARCHES, by_nearest_value)
+
+
 # -- the largest dynamics error --------------------------------------------------------------------
 
 
 def least_error(target: Any, source: Any) -> float:
     """Return the least dynamics error of the mappings that clear the rest of the bar; else inf."""
-    scores = [one.scores for one in find_mappings(target, source, keep=1000)]
+    scores = [one.scores for one in find_mappings(target, source, searches=SEARCHED, keep=1000)]
     return min(
         (
             score.dynamics_error
@@ -179,7 +191,7 @@ def play(cases: Iterable[Case], seeds: int) -> None:
     """Print what the best mapping of each pair gains, all steps charged, and the verdict."""
     answers, taken = Counter[str](), 0
     for name, target, source, source_steps, target_steps in cases:
-        best = find_mappings(target, source, keep=1)[0]
+        best = find_mappings(target, source, searches=SEARCHED, keep=1)[0]
         plan = cr.Curriculum(
             {"source": source, "target": target},
             [cr.Transfer("source", "target", best.mapping)],
@@ -218,7 +230,7 @@ def hunt(seeds: int) -> None:
         )
         for name, mappings in (
             ("by hand", by_hand),
-            ("found", [find_mappings(both, alone, keep=1)[0].mapping]),
+            ("found", [find_mappings(both, alone, searches=SEARCHED, keep=1)[0].mapping]),
         )
     }
     controls: Any = ("placebo", "unrelated")

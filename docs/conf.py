@@ -27,8 +27,8 @@ myst_heading_anchors = 4  # so that links to headings lead somewhere, or the bui
 reference_packages = [
     f"curricle.{name}"
     for name in (
-        *("tasks", "learning", "planning", "teaching", "transfer", "curriculum", "certificate"),
-        *("comparison", "design", "statistics", "study", "show"),
+        *("tasks", "learning", "planning", "transfer", "curriculum", "certificate"),
+        *("candidates", "comparison", "statistics", "study", "pictures", "show"),
         *("interop", "deep", "errors"),
     )
 ]

@@ -24,7 +24,7 @@ import curricle as cr
 HERE = Path(__file__).resolve().parent
 sys.path.append(str(HERE.parent))
 
-from tests.walk import walk  # noqa: E402 (found where the line above has Python look)
+from tests.support.walk import walk  # noqa: E402 (found where the line above has Python look)
 
 PAGES = ("tutorial.md", "howto/bring_a_task.md")
 PICTURES = {

@@ -7,7 +7,7 @@ import signal
 import pytest
 from hypothesis import settings
 
-from curricle.learning import run
+from curricle.learning import trainers
 from curricle.learning.schedules import Schedule
 from curricle.tasks import mdp
 from curricle.tasks.models import table_model
@@ -25,8 +25,8 @@ settings.load_profile("same")
 # never change; tests compile one for all of these. oracle/test_greedy_actions.py holds that they
 # learn the same.
 FEWER_LOOPS = (
-    (run, "UNROLLED", 0),
-    (run, "NEAR", 2**62),
+    (trainers, "UNROLLED", 0),
+    (trainers, "NEAR", 2**62),
     (mdp, "learning_model", table_model),
     (Schedule, "kernel", property(lambda schedule: schedule)),
 )

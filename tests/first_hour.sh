@@ -24,7 +24,7 @@ for page in "${pages[@]}"; do
     # What the README takes for granted; the tutorial makes one itself.
     "$python" -m venv "$place/$name-venv"
     began=$SECONDS
-    PATH=$place/$name-venv/bin:$PATH "$python" "$repository/tests/walk.py" \
+    PATH=$place/$name-venv/bin:$PATH "$python" "$repository/tests/support/walk.py" \
         "$place/$name/$page" --folder "$place/$name" || failed=1
     echo "$page: $((SECONDS - began)) s in all"
 done

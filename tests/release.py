@@ -23,7 +23,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 sys.path.append(str(ROOT))
 
-from tests.pages import Command, steps  # noqa: E402 (found where the line above has Python look)
+from tests.support.pages import Command, steps  # noqa: E402 (found where the line above has Python look)
 
 OLDEST, NEWEST = 11, 30
 """Minor versions of Python 3 that are looked for."""

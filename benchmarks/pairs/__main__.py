@@ -89,8 +89,8 @@ def sensible(arm: str) -> bool:
 # -- The forecasts, and whether they came true -----------------------------------------------------
 
 
-Foreseen = dict[str, dict[str, tuple[float, float, float, bool]]]
-"""By study and arm: gain, its low and high end, and whether phi is said to be anti-knowledge."""
+Foreseen = dict[str, dict[str, tuple[float, float, float]]]
+"""By study and arm: gain, its low and high end."""
 
 
 def forecasts(files: Sequence[str], changes: Sequence[str] = ()) -> Foreseen:
@@ -103,8 +103,7 @@ def forecasts(files: Sequence[str], changes: Sequence[str] = ()) -> Foreseen:
             part = cr.read_study(file, set=changes, arms=[arm])
             used = cr.forecast(part, trial=True).used
             assert used.gain is not None, "a trial was asked for"
-            of_arm = used.gain.estimate, used.gain.low, used.gain.high, bool(used.anti_knowledge)
-            foreseen[study.name][arm] = of_arm
+            foreseen[study.name][arm] = used.gain.estimate, used.gain.low, used.gain.high
     return foreseen
 
 
@@ -122,19 +121,16 @@ def pooled_rank(score: np.ndarray, gain: np.ndarray, target: np.ndarray) -> floa
 def judged(studies: Sequence[Played], foreseen: Foreseen) -> Iterator[str]:
     """Yield how good the forecasts are, against the gains over the best opponents."""
     rows = [
-        (study.name, *foreseen[study.name][arm], *study.gain(arm))
+        (study.name, *foreseen[study.name][arm], study.gain(arm)[0])
         for study in studies
         for arm in study.arms
     ]
-    target, score, low, high, against, gain, least, most = map(np.array, zip(*rows, strict=True))
+    target, score, low, high, gain = map(np.array, zip(*rows, strict=True))
     commits, right = (low > 0) | (high < 0), (score > 0) == (gain > 0)
     said = f"{(low > 0).sum()} likely pay, {(high < 0).sum()} likely cost"
     yield f"forecasts of {len(rows)} curricula: {said}"
     yield f"  sign right where it commits itself: {right[commits].sum()} of {commits.sum()}"
     yield f"  rank correlation within targets: {pooled_rank(score, gain, target):.2f}"
-    for words, named in ("may be", against), ("is not said to be", ~against):
-        costs, pays = (most < 0)[named].sum(), (least > 0)[named].sum()
-        yield f"  phi {words} anti-knowledge: {named.sum()}, of which {costs} cost and {pays} pay"
 
 
 # -- The tables ------------------------------------------------------------------------------------

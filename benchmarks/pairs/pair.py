@@ -5,8 +5,9 @@ from functools import cache
 from typing import Any, Literal
 
 import curricle as cr
-from curricle.planning.policy_evaluation import Target
+from curricle.planning.target import Target
 from curricle.transfer import StateActionMapping
+from curricle.transfer.mapping import PairMapping
 
 Split = Literal["development", "verification", "fresh"]
 SENSIBLE = ("near", "far")
@@ -56,7 +57,7 @@ class Pair:
     target_name: str
     source: Any
     target: Any
-    mappings: tuple[StateActionMapping, ...]
+    mappings: tuple[PairMapping, ...]
     source_budget: int
     target_budget: int
     scale: float = 1.0
@@ -127,7 +128,7 @@ class Family:
         """
         target_name, target, target_budget = self._target
         mappings = [
-            read if isinstance(read, StateActionMapping) else cr.from_function(target, source, read)
+            read if isinstance(read, PairMapping) else cr.from_function(target, source, read)
             for read in reads or [lambda state, action: (state, action)]
         ]
         if turned:

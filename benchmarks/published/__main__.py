@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from curricle.comparison.comparison import Reference
+from curricle.comparison.measures import Reference
 from curricle.planning import Target
 from curricle.show.report import write_audit
 from curricle.statistics import Interval, mean_interval

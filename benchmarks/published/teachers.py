@@ -10,8 +10,8 @@ seeds. Uniform draws from the same tasks are its placebo.
 """
 
 import argparse
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,18 +20,20 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.published.__main__ import CLAIMS, TRIALS, markdown, share, way_to_optimum
-from curricle.comparison.comparison import Arm, Comparison
+from benchmarks.published.teaching import (
+    Learnability,
+    PrioritizedLevelReplay,
+    ReverseCurriculum,
+    Teacher,
+    Uniform,
+    teach,
+)
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.measures import Arm
 from curricle.statistics.curves import SCRATCH, Curve
 from curricle.study import StudyResults, read_study
 from curricle.study.auditing import CONFIGURED, FAIR, as_fair
 from curricle.tasks import GoalDistance, goal_distance, with_start
-from curricle.teaching import (
-    Learnability,
-    PrioritizedLevelReplay,
-    ReverseCurriculum,
-    Uniform,
-    teach,
-)
 
 # -- Rutherford et al. 2024: mazes of MiniGrid -----------------------------------------------------
 
@@ -94,67 +96,41 @@ RING = 4  # cells; their random walks of 50 or 100 steps go about as far from th
 
 
 def rings(target: Any) -> dict[str, Any]:
-    """Return a task's starts in rings around the goal, from the inside, and the task."""
+    """Return a task's starts in rings around the goal, from the inside."""
     farthest = int(goal_distance(target)[target.mdp.start > 0].max())
-    near = {
+    return {
         f"from {low}": with_start(target, GoalDistance(low, min(low + RING - 1, farthest)))
         for low in range(1, farthest + 1, RING)
     }
-    return {**near, "target": target}
 
 
 def each_level(target: Any) -> dict[str, Any]:
-    """Return a task for each level, and all of them as the target, which is not drawn."""
-    starts = np.flatnonzero(target.mdp.start)
-    return {**{f"level {s}": with_start(target, [s]) for s in starts}, "target": target}
+    """Return a task for each level."""
+    return {f"level {s}": with_start(target, [s]) for s in np.flatnonzero(target.mdp.start)}
 
 
 class Claim(NamedTuple):
     """The teachers of a claim, the published first, and the function that makes their tasks."""
 
-    tasks: Any
-    teachers: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class ButLast:
-    """A teacher that draws all tasks but the last, in which it is evaluated."""
-
-    teacher: Any
-
-    @property
-    def uses_goal(self) -> bool:
-        """Whether the teacher reads successes."""
-        return bool(getattr(self.teacher, "uses_goal", False))
-
-    def start(self, n_tasks: int) -> Any:
-        """Return the memory before the first episode."""
-        return self.teacher.start(n_tasks - 1)
-
-    def update(self, memory: Any, episode: Any) -> Any:
-        """Return the memory after an episode."""
-        return self.teacher.update(memory, episode)
-
-    def probabilities(self, memory: Any) -> Any:
-        """Return the probabilities of the tasks, (M,)."""
-        return np.append(self.teacher.probabilities(memory), 0.0)
+    tasks: Callable[[Any], dict[str, Any]]
+    teachers: Mapping[str, Teacher]
 
 
 TEACHERS = {
     "starts": Claim(
         rings,
         {
-            "reverse curriculum": ButLast(ReverseCurriculum(r_min=0.1, r_max=0.9)),
-            "reverse curriculum, no start mastered": ButLast(ReverseCurriculum(r_max=1.0)),
-            "uniform over rings": ButLast(Uniform()),
+            "reverse curriculum": ReverseCurriculum(r_min=0.1, r_max=0.9),
+            "reverse curriculum, no start mastered": ReverseCurriculum(r_max=1.0),
+            "uniform over rings": Uniform(),
         },
     ),
     "levels": Claim(
         each_level,
         {
             # a 25th of the levels, and half of the episodes in them, are theirs
-            "learnability": ButLast(Learnability(rho=0.5, top=4, window=10)),
-            "prioritised level replay": ButLast(PrioritizedLevelReplay()),
+            "learnability": Learnability(rho=0.5, top=4, window=10),
+            "prioritised level replay": PrioritizedLevelReplay(),
         },
     ),
 }
@@ -177,13 +153,14 @@ def curves(folder: Path, name: str, of: str, seeds: tuple[int, ...] | None = Non
     first = next(iter(study.curricula.values()))
     learner, target = first.setting("learner", first.target), first.tasks[first.target]
     total, eval_freq = side.record.total, side.record.eval_freq
-    how = {"target": "target", "eval_freq": eval_freq, "workers": 1}
-    how["evaluation"] = first.setting("evaluation", first.target)
+    evaluation = first.setting("evaluation", first.target)
     tasks = make(target)
 
     def trained(changes: Mapping[str, float], chosen: Any) -> Any:
-        result = teach(tasks, teachers[of], replace(learner, **changes), total, seeds=chosen, **how)
-        return result.learning.greedy_return
+        return teach(
+            tasks, target, teachers[of], replace(learner, **changes), total,
+            seeds=chosen, eval_freq=eval_freq, evaluation=evaluation,
+        ).greedy_return  # fmt: skip
 
     trials = settings(study)
     tuning = as_fair(study, TRIALS).tune.seeds

@@ -167,9 +167,7 @@ def trials(file: str, cases: Sequence[Case], out: Path) -> Any:
     results, returns = [], list[dict[str, np.ndarray]]()
     for case in cases:
         study = case.study(file)
-        played = cr.run_study(
-            study.of_trials(), out / f"{file}, {case.name}", resume=True, workers=1
-        )
+        played = cr.run_study(study.trials, out / f"{file}, {case.name}", resume=True, workers=1)
         results.append(played)
         returns.append({arm: r / way(study) for arm, r in played.comparison.returns.items()})
     record = results[0].record

@@ -9,7 +9,7 @@ Axis letters used throughout: S states, A actions, O outcomes of a pair, Y outco
 
 The public names are those of ``__init__.pyi``; each is imported when first used, so that
 ``import curricle`` is quick. It registers ``Curricle/Maze-v0`` and ``Curricle/Pursuit-v0`` with
-Gymnasium.
+Gymnasium, and pictures of tasks with IPython.
 """
 
 from pathlib import Path
@@ -19,6 +19,7 @@ from re import findall
 import lazy_loader
 
 from curricle.interop import register
+from curricle.show import notebook
 
 __version__ = "0.3.0.dev0"
 
@@ -50,3 +51,4 @@ def _meant(name):
 
 
 register()
+notebook.register()

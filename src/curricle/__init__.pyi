@@ -1,9 +1,9 @@
 from . import (
+    candidates as candidates,
     certificate as certificate,
     comparison as comparison,
     curriculum as curriculum,
     deep as deep,
-    design as design,
     errors as errors,
     interop as interop,
     learning as learning,
@@ -12,7 +12,6 @@ from . import (
     statistics as statistics,
     study as study,
     tasks as tasks,
-    teaching as teaching,
     transfer as transfer,
 )
 from .certificate.certification import certify as certify
@@ -38,9 +37,7 @@ from .learning.potential import (
 )
 from .learning.run import learn as learn
 from .learning.shaping import (
-    DecayingAdvice as DecayingAdvice,
     LookAheadAdvice as LookAheadAdvice,
-    LookBackAdvice as LookBackAdvice,
     QInitialisation as QInitialisation,
     RewardBonus as RewardBonus,
     StateShaping as StateShaping,
@@ -60,7 +57,6 @@ from .tasks.pursuit import Pursuit as Pursuit
 from .tasks.spaces import Component as Component, Space as Space
 from .transfer.aggregate import maximum as maximum, mean as mean, minimum as minimum, total as total
 from .transfer.by_components import project as project, same_position as same_position
-from .transfer.calibration import calibrate as calibrate
 from .transfer.mapping import from_function as from_function
 from .transfer.transfer import Transfer as Transfer
 

@@ -64,7 +64,7 @@ class Frozen:
             object.__setattr__(self, name, _refrozen(value))
 
 
-def _refrozen(value: Any) -> Any:
+def _refrozen(value: object) -> Any:
     if type(value) is np.ndarray:
         return adopted(value, value.dtype)
     if isinstance(value, tuple) and hasattr(value, "_fields"):

@@ -58,7 +58,7 @@ def numbers(name: str, values: Any, error: type[CurricleError]) -> FloatArray:
         raise error(f"{name} must be an array of numbers: got {brief(values)}") from None
 
 
-def indices(name: str, values: Any, size: int, error: type[CurricleError]) -> IntArray:
+def indices(name: str, values: object, size: int, error: type[CurricleError]) -> IntArray:
     """Return `values` as an array of whole numbers in 0..size-1, or raise `error`."""
     try:
         array = np.asarray(values)
@@ -82,7 +82,7 @@ def listed(names: Iterable[str]) -> str:
     return ("; " if any("," in name for name in names) else ", ").join(names)
 
 
-def fit_name(noun: str, value: Any, error: type[CurricleError]) -> None:
+def fit_name(noun: str, value: object, error: type[CurricleError]) -> None:
     """Raise `error` unless `value` can be the name of a study, an arm or a task."""
     why = unfit_name(value) if isinstance(value, str) else f"must be text: got {value!r}"
     if why:
@@ -98,20 +98,20 @@ def unfit_name(text: str) -> str:
     return "" if text.isprintable() else f"must be printable: got {text!r}"
 
 
-def instance(name: str, value: Any, kind: type, error: type[CurricleError]) -> None:
+def instance(name: str, value: object, kind: type, error: type[CurricleError]) -> None:
     """Raise `error` unless `value` is an instance of `kind`."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOaeio" else "a"
         raise error(f"{name} must be {article} {kind.__name__}: got {brief(value)}")
 
 
-def text(name: str, value: Any, error: type[CurricleError]) -> None:
+def text(name: str, value: object, error: type[CurricleError]) -> None:
     """Raise `error` unless `value` is text that is not empty."""
     if not isinstance(value, str) or not value:
         raise error(f"{name} must be text, not empty: got {value!r}")
 
 
-def brief(value: Any) -> str:
+def brief(value: object) -> str:
     """Return a value as an error shows it: on one line, and cut where it is long."""
     try:
         line = " ".join(repr(value).split())
@@ -139,10 +139,10 @@ def check_memory(name: str, needed: int, error: type[CurricleError]) -> None:
         )
 
 
-def _is_real(value: Any) -> bool:
+def _is_real(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     """Return a number as an error shows it; an integer of thousands of digits has no text."""
     return f"a number of {value.bit_length():,} bits" if isinstance(value, int) else repr(value)

@@ -7,7 +7,6 @@
     ├── SettingError     an invalid setting of a learner, budget, metric (also ValueError)
     ├── PotentialError   a potential of the wrong shape or not finite    (also ValueError)
     ├── MappingError     a mapping between tasks that does not fit them  (also ValueError)
-    ├── CalibrationError rollouts that do not determine a potential's scale
     ├── CurriculumError  a graph with a cycle or an unknown task         (also ValueError)
     ├── ConfigError      a study file that cannot be understood          (also ValueError)
     ├── StoreError       a results folder that cannot be used
@@ -58,10 +57,6 @@ class MappingError(CurricleError, ValueError):
     """A mapping between two tasks does not fit them."""
 
 
-class CalibrationError(CurricleError):
-    """A potential cannot be calibrated: its greedy episodes do not determine a scale."""
-
-
 class CurriculumError(CurricleError, ValueError):
     """A curriculum graph has a cycle, an unknown task or a malformed transfer."""
 
@@ -96,9 +91,9 @@ class ForeignError(RuntimeError):
     """An error of a study's own code in another process, in words; a note has the traceback."""
 
 
-def reason(error: OSError) -> str:
+def reason(error: Exception) -> str:
     """Return why a file cannot be used, on one line."""
-    return error.strerror or " ".join(str(error).split())
+    return getattr(error, "strerror", None) or " ".join(str(error).split())
 
 
 def in_words(error: BaseException) -> str:

@@ -12,19 +12,17 @@ import json
 import math
 import os
 import re
-import shutil
 import stat
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from operator import attrgetter
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from os import PathLike
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from secrets import token_hex
-from time import sleep
-from typing import IO, TYPE_CHECKING, Any, NamedTuple, TypeVar
-from urllib.parse import parse_qsl, quote, unquote, urlsplit
+from typing import IO, TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from urllib.parse import quote, urlsplit
+from urllib.request import url2pathname
 
 import numpy as np
 import numpy.typing as npt
@@ -32,179 +30,74 @@ import numpy.typing as npt
 from curricle.errors import StoreError, reason
 
 if TYPE_CHECKING:
-    from pyarrow.fs import FileInfo, FileSystem
+    from upath import UPath
+
+    Place: TypeAlias = Path | UPath
+else:
+    Place = Path  # universal-pathlib is an extra
+
+LISTINGS_KEPT = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss")
+"""Stores whose listings fsspec would keep, though other processes write there."""
+CLIENTS = (
+    "botocore",
+    "aiobotocore",
+    "aiohttp",
+    "gcsfs",
+    "google",
+    "azure",
+    "paramiko",
+    "smbclient",
+)
+"""Packages of stores, whose errors are not all OSErrors."""
+READ_AT_ONCE = 2**24  # bytes of a file up to which it is read whole
 
 
-SECRETS = re.compile(r"access_key|secret|token|password|credential", re.IGNORECASE)
-"""Options of a URL that must not be stored, shown and sent with it."""
-FINAL = re.compile("ACCESS_DENIED|NO_SUCH_|NETWORK_CONNECTION|SIGNATURE|INVALID")
-"""Errors of a server that the same request meets again, or that took long already."""
-PAUSES = (0.1, 0.5, 2.0)
-"""Seconds until a request is made again; pyarrow repeats most itself, but no short reads."""
-READ_AT_ONCE = 2**24  # bytes of a file up to which one request reads it
-Result = TypeVar("Result")
-PLAIN = "/=+@,:;~!$&'()*"
-"""Signs that need no escape in the path of a URL, beside letters, digits and -._."""
-
-
-class RemotePath:
-    """A file or folder of a file system of pyarrow's, such as S3, with neither moves nor locks."""
-
-    def __init__(self, system: "FileSystem", key: str, root: str, options: str = ""):
-        self.system, self.key = system, PurePosixPath(key)
-        self._root, self._options = root, options  # the URL before the key, and after `?`
-
-    @classmethod
-    def of(cls, url: str) -> "RemotePath":
-        """Return the folder at a URL; StoreError if it has a password or does not open."""
-        parts = urlsplit(url)
-        options = parse_qsl(parts.query)
-        secret = next((key for key, value in options if SECRETS.search(key) or "@" in value), None)
-        if "@" in parts.netloc or secret:
-            raise StoreError(
-                "a URL must have no password, key or token, since it is shown and stored: give "
-                f"them as {parts.scheme} does, such as by the environment; got "
-                f"{secret or 'a password before @'}"
-            )
-        from pyarrow.fs import FileSystem  # a local folder does not need it
-
-        try:
-            system, key = FileSystem.from_uri(url)
-            if not key.strip("/"):
-                raise ValueError("it names no bucket or folder")
-        except (OSError, ValueError, NotImplementedError) as error:
-            raise StoreError(f"a URL must be one that pyarrow opens, not {url}: {error}") from None
-        shown = f"{parts.scheme}://{parts.netloc}{unquote(parts.path)}".rstrip("/")
-        return cls(system, key, shown.removesuffix(key.rstrip("/")), parts.query)
-
-    def __str__(self) -> str:
-        return f"{self._root}{quote(str(self.key), safe=PLAIN)}"
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return the URL to open on another machine, with the credentials there."""
-        return RemotePath.of, (f"{self}?{self._options}" if self._options else str(self),)
-
-    def __repr__(self) -> str:
-        return f"RemotePath({str(self)!r})"
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, RemotePath) and str(self) == str(other)
-
-    def __hash__(self) -> int:
-        return hash(str(self))
-
-    def __lt__(self, other: "RemotePath") -> bool:
-        return str(self) < str(other)
-
-    def __truediv__(self, name: str) -> "RemotePath":
-        return self._at(str(self.key / name))
-
-    def _at(self, key: str) -> "RemotePath":
-        return RemotePath(self.system, key, self._root, self._options)
-
-    @property
-    def parent(self) -> "RemotePath":
-        """As :attr:`pathlib.Path.parent`."""
-        return self._at(str(self.key.parent))
-
-    @property
-    def bucket(self) -> "RemotePath":
-        """The first part: on a server for objects, the bucket."""
-        return self._at(self.key.parts[0])
-
-    # As of pathlib.Path.
-    name = property(attrgetter("key.name"))
-    stem = property(attrgetter("key.stem"))
-    suffix = property(attrgetter("key.suffix"))
-
-    @property
-    def _kind(self) -> str:
-        """NotFound, File or Directory."""
-        return str(self._retried(lambda: self.system.get_file_info(str(self.key))).type.name)
-
-    def exists(self) -> bool:
-        """Return whether a file or a folder is there."""
-        return self._kind != "NotFound"
-
-    def is_dir(self) -> bool:
-        """Return whether a folder is there."""
-        return self._kind == "Directory"
-
-    def glob(self, pattern: str) -> Iterator["RemotePath"]:
-        """Yield the files that match a pattern below here, by one listing."""
-        before = pattern.partition("*")[0].rpartition("/")[0]
-        for info in self._listed(str(self.key / before), recursive=True):
-            if info.is_file and PurePosixPath(info.path).match(pattern):
-                yield self._at(info.path)
-
-    def iterdir(self) -> Iterator["RemotePath"]:
-        """Yield the files and folders in the folder."""
-        for info in self._listed(str(self.key), recursive=False):
-            yield self._at(info.path)
-
-    def _listed(self, key: str, *, recursive: bool) -> "list[FileInfo]":
-        from pyarrow.fs import FileSelector  # a local folder does not need it
-
-        selector = FileSelector(key, allow_not_found=True, recursive=recursive)
-        return list(self._retried(lambda: self.system.get_file_info(selector)))
-
-    def unlink(self, missing_ok: bool = False) -> None:
-        """Delete the file."""
-        if not missing_ok or self.exists():
-            self._retried(lambda: self.system.delete_file(str(self.key)))
-
-    @contextmanager
-    def opened(self) -> Iterator[tuple[IO[bytes], int]]:
-        """Yield the file, open to read, and its size; one request reads a small file."""
-
-        def content_of_small() -> bytes | None:
-            with self.system.open_input_file(str(self.key)) as file:
-                return bytes(file.read()) if file.size() <= READ_AT_ONCE else None
-
-        content = self._retried(content_of_small)
-        if content is not None:
-            yield io.BytesIO(content), len(content)
-            return
-        with self.system.open_input_file(str(self.key)) as file:
-            yield file, file.size()
-
-    def write(self, content: bytes) -> None:
-        """Write the file, and make its folders where the file system has any."""
-
-        def put() -> None:
-            with self.system.open_output_stream(str(self.key)) as file:
-                file.write(content)
-
-        try:
-            self._retried(put)
-        except FileNotFoundError:
-            self.system.create_dir(str(self.key.parent), recursive=True)
-            put()
-
-    def _retried(self, action: Callable[[], Result]) -> Result:
-        """Return the result of an action, tried again where a server is busy for a moment."""
-        for pause in PAUSES if self.system.type_name != "local" else ():
-            try:
-                return action()
-            except FileNotFoundError:
-                raise
-            except OSError as error:
-                if FINAL.search(str(error)):
-                    raise
-            sleep(pause)
-        return action()
-
-
-Place = Path | RemotePath
-
-
-def place_at(path: Any) -> Place:
+def place_at(path: object) -> Place:
     """Return the folder at a path of this machine or at a URL; StoreError where it is neither."""
-    if isinstance(path, RemotePath):
-        return path
+    if hasattr(path, "storage_options"):  # of universal-pathlib
+        place: Place = path
+        return place
     if not isinstance(path, str | PathLike):
         raise StoreError(f"a folder must be a path or a URL: got {path!r}")
-    return RemotePath.of(path) if isinstance(path, str) and "://" in path else Path(path)
+    return _at_url(path) if isinstance(path, str) and "://" in path else Path(path)
+
+
+def _at_url(url: str) -> Place:
+    """Return the folder at a URL, whose files universal-pathlib opens; StoreError if it cannot."""
+    parts = urlsplit(url)
+    if "@" in parts.netloc or parts.query:
+        raise StoreError(
+            "a URL must have no password, key or option, since it is shown and stored: give them "
+            f"as {parts.scheme} does, such as by the environment"
+        )
+    if parts.scheme == "file":
+        return Path(url2pathname(parts.path))
+    try:
+        from upath import UPath
+    except ImportError:
+        raise StoreError(
+            'results at a URL need a package that is not installed: pip install "curricle[url]"'
+        ) from None
+    options = {"use_listings_cache": False} if parts.scheme in LISTINGS_KEPT else {}
+    try:
+        place = UPath(url, **options)
+        _ = place.fs
+        if not place.path.strip("/"):
+            raise ValueError("it names no bucket or folder")
+    except (ImportError, OSError, ValueError) as error:
+        raise StoreError(f"a URL must be one that fsspec opens, not {url}: {error}") from None
+    return place
+
+
+def of_store(error: BaseException | None) -> bool:
+    """Return whether an error is of a file system or a store, which may be no OSError."""
+    client = type(error).__module__.partition(".")[0]
+    return isinstance(error, OSError) or client in CLIENTS
+
+
+def bucket_of(place: Place) -> Place:
+    """Return the first folder above a place: at an object store the bucket."""
+    return [place, *place.parents][-1]
 
 
 def results_folder(study_file: str | PathLike[str]) -> str:
@@ -244,21 +137,14 @@ def local_file(path: str | Path, ending: str = "") -> Path:
     return file if not ending or file.suffix == ending else file.with_name(f"{file.name}{ending}")
 
 
-def remove_folder(path: Place) -> None:
-    """Delete a folder and its content as far as possible."""
-    if isinstance(path, RemotePath):
-        with suppress(OSError):
-            path.system.delete_dir(str(path.key))
-    else:
-        shutil.rmtree(path, ignore_errors=True)
-
-
 @contextmanager
 def opened_regular(path: Place) -> Iterator[tuple[IO[bytes], int]]:
     """Yield a regular file, open to read, and its size; else an OSError whose strerror says why."""
-    if isinstance(path, RemotePath):
-        with path.opened() as file_and_size:
-            yield file_and_size
+    if not isinstance(path, Path):
+        with path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(0)
+            yield file, size
         return
 
     at_once = getattr(os, "O_NONBLOCK", 0)  # a pipe in the file's place is not waited for
@@ -270,9 +156,15 @@ def opened_regular(path: Place) -> Iterator[tuple[IO[bytes], int]]:
 
 
 def write_whole(path: Place, content: bytes) -> None:
-    """Write a file under another name and rename it when it is complete; at a URL, at once."""
-    if isinstance(path, RemotePath):
-        path.write(content)
+    """Write a file under another name and rename it when it is complete; at a URL, as it can."""
+    if not isinstance(path, Path):
+        try:
+            path.fs.pipe_file(path.path, content)
+        except FileNotFoundError:
+            if not bucket_of(path).exists():
+                raise
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.fs.pipe_file(path.path, content)
         return
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "it exists and is no regular file", str(path))
@@ -320,7 +212,7 @@ def parsed_json(content: bytes) -> Any:
         raise ValueError(f"it must be JSON: {error}") from None
 
 
-def as_json(value: Any) -> bytes:
+def as_json(value: object) -> bytes:
     """Return indented JSON, with lists of numbers on one line."""
     text = json.dumps(value, indent=1)
     # Within a string there is no line break.

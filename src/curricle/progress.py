@@ -69,7 +69,7 @@ class Compilation(event.Listener):
         if self.prints and self.loops == 1 and not sys.stderr.isatty():
             print(f"curricle: {EACH_TIME}" if unkept else KEPT, file=sys.stderr, flush=True)
 
-    def on_end(self, event: Any) -> None:
+    def on_end(self, event: object) -> None:
         """Erase the line when a loop is compiled."""
         self._depth -= 1
         if not self._depth:
@@ -234,7 +234,7 @@ class Bars:
             self.screen.update(task, completed=done - 1, total=total)
         grow()
 
-    def tell(self, part: Any) -> None:
+    def tell(self, part: object) -> None:
         """Call the user's function, if there is any, with a part that is done."""
         if self.call is not None:
             self.call(part)
@@ -285,7 +285,7 @@ def _watched() -> bool:
     return shows and current_thread() is main_thread()
 
 
-def check_progress(progress: Any) -> None:
+def check_progress(progress: object) -> None:
     """Raise SettingError unless ``progress`` has one of its types."""
     if not (progress is None or isinstance(progress, bool | Bars) or callable(progress)):
         raise SettingError(

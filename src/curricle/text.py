@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from html import escape
 from itertools import zip_longest
 from textwrap import fill, wrap
 from typing import Any
@@ -20,9 +21,26 @@ def counted(n: int, noun: str) -> str:
     return f"{n:,} {noun}{'s' * bool(n != 1)}"
 
 
+def printed(result: object) -> str:
+    """Return the printed lines of a result as HTML; serves a class as ``_repr_html_``."""
+    return f"<pre>{escape(str(result))}</pre>"
+
+
 def or_dash(value: float, form: str = ".3g") -> str:
     """Return a number in a format, a dash for NaN."""
     return "-" if math.isnan(value) else format(value, form)
+
+
+def minus(number: str) -> str:
+    """Return a printed number with a minus sign in place of the hyphen."""
+    return number.replace("-", "−")
+
+
+def rounded(number: float) -> str:
+    """Return a number in three significant digits, trailing zeros too, or as a whole number."""
+    if number == 0:
+        return "0"
+    return minus(f"{number:,.0f}" if abs(number) >= 99.95 else f"{number:#.3g}")
 
 
 def folded(text: str, width: int) -> str:
@@ -82,7 +100,7 @@ def brief_repr(result: Any) -> str:
     return shortened(f"{type(result).__name__}({', '.join(parts)})")
 
 
-def brief_value(value: Any) -> str:
+def brief_value(value: object) -> str:
     """Return a value in at most `LONGEST_VALUE` characters, about."""
     if isinstance(value, np.ndarray):
         small = value.size <= MOST_ELEMENTS

@@ -2,8 +2,6 @@
 
 import pytest
 
-from curricle.display import block, table
-
 WIDTHS = [{"width": 360, "height": 740}, {"width": 1300, "height": 900}]
 PAGES = ["hunt", "maze", "chain", "many", "paper"]
 
@@ -75,19 +73,3 @@ def test_the_paper_jumps_from_contents_and_summary(visit, viewport):
     verdicts = page.locator("#summary .stamp").all_text_contents()
     assert verdicts == page.locator("article.claim .stamp").all_text_contents()
     assert page.locator("img").evaluate_all("all => all.every(e => e.complete && e.naturalWidth)")
-
-
-@pytest.mark.parametrize("viewport", WIDTHS, ids=lambda size: size["width"])
-def test_a_table_in_a_notebook_says_that_it_scrolls(browser, viewport):
-    heads = [f"a column of number {k}" for k in range(6)]
-    shown = block("wide and narrow", table(heads, [range(6)]), table(["a"], [[1]]))
-    page = browser.new_page(viewport=viewport)
-    page.set_content(shown)
-    # A line is shown by an animation that scrolling drives: it has its height in the next frame.
-    page.evaluate("() => new Promise(f => requestAnimationFrame(() => requestAnimationFrame(f)))")
-    heights = page.eval_on_selector_all(
-        ".wide", 'all => all.map(e => parseFloat(getComputedStyle(e, "::before").height))'
-    )
-    narrow = viewport["width"] < 1000
-    assert [height > 15 for height in heights] == [narrow, False]
-    page.close()

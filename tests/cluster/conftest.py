@@ -97,22 +97,6 @@ def dask(tmp_path_factory):
         cluster.close()
 
 
-@pytest.fixture
-def ray_nodes(tmp_path_factory, monkeypatch):
-    """A Ray cluster of two nodes; runs have its token in their environment."""
-    pytest.importorskip("ray")
-    from tests.cluster.ray_nodes import RayNodes
-
-    nodes = RayNodes(tmp_path_factory.mktemp("elsewhere"))
-    try:
-        nodes.add_node()
-        for name, value in nodes.environment.items():
-            monkeypatch.setenv(name, value)
-        yield nodes
-    finally:
-        nodes.close()
-
-
 @pytest.fixture(scope="session")
 def s3_server(tmp_path_factory):
     pytest.importorskip("moto")
@@ -129,8 +113,11 @@ def s3(s3_server, monkeypatch):
 
     Ask for it before a cluster, whose processes take the environment that they find.
     """
+    from s3fs import S3FileSystem
+
     for name, value in s3_server.environment.items():
         monkeypatch.setenv(name, value)
+    S3FileSystem.clear_instance_cache()  # those of this process may go to a proxy
     return s3_server.new_bucket()
 
 
@@ -139,7 +126,10 @@ def s3_proxy(s3_server, s3, monkeypatch):
     """Return a function: options of s3_proxy.py -> the same bucket behind a proxy."""
 
     def start(*options):
+        from s3fs import S3FileSystem
+
         monkeypatch.setenv("AWS_ENDPOINT_URL", s3_server.behind_proxy(*options))
+        S3FileSystem.clear_instance_cache()  # those of this process go to the server itself
         return s3
 
     return start
@@ -163,9 +153,8 @@ def study(tmp_path):
 def begun(study, out, *options, **how):
     """A run of the command line, in the study's folder."""
     command = [sys.executable, "-m", "curricle", "run", str(study), "--out", str(out), *options]
-    quiet = {**os.environ, "RAY_USAGE_STATS_ENABLED": "0"}
     return subprocess.Popen(
-        command, cwd=study.parent, env=quiet, stdout=-1, stderr=subprocess.STDOUT, text=True, **how
+        command, cwd=study.parent, stdout=-1, stderr=subprocess.STDOUT, text=True, **how
     )
 
 

@@ -7,7 +7,7 @@ import time
 from itertools import count
 from pathlib import Path
 
-from pyarrow import fs
+from upath import UPath
 
 from tests.cluster.ports import free_port
 
@@ -31,10 +31,9 @@ class Server:
 
     def new_bucket(self):
         """The URL of a bucket; the environment must be set."""
-        name = f"bucket{next(self.numbers)}"
-        opened, _ = fs.FileSystem.from_uri(f"s3://{name}?allow_bucket_creation=true")
-        opened.create_dir(name)
-        return f"s3://{name}"
+        place = UPath(f"s3://bucket{next(self.numbers)}/", use_listings_cache=False)
+        place.fs.mkdir(place.path)
+        return str(place).rstrip("/")
 
     def behind_proxy(self, *options):
         """The endpoint of a proxy with these options, such as "--every", "50"."""

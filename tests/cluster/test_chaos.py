@@ -1,6 +1,6 @@
 """Workers die and join, requests to the store fail, the driver dies twice: the same bytes.
 
-`CHAOS=20 make cluster ARGS=tests/cluster/test_chaos.py` plays 20 runs on each engine.
+`CHAOS=20 make cluster ARGS=tests/cluster/test_chaos.py` plays 20 runs.
 """
 
 import os
@@ -21,28 +21,6 @@ LASTS = 12.0
 """Seconds in which workers die and join, about as long as a run alone takes."""
 
 
-def of_dask(request, draws):
-    """The cluster, and what happens to it: two of three workers die, one joins."""
-    cluster = request.getfixturevalue("dask")
-    doomed = draws.sample(cluster.workers, 2)
-    return cluster.on, [doomed[0].kill, cluster.add_worker, doomed[1].kill]
-
-
-def of_ray(request, draws):
-    """The cluster, and what happens to it: three trainings and then a node die, one joins."""
-    cluster = request.getfixturevalue("ray_nodes")
-
-    def kill_training():
-        found = cluster.training()
-        if found:
-            draws.choice(found).kill()
-
-    def kill_node():
-        cluster.kill(cluster.nodes[1])
-
-    return cluster.on, [kill_training, kill_training, cluster.add_node, kill_training, kill_node]
-
-
 def happening(events, draws, stop):
     """A thread in which each event happens at a random moment, in their order."""
     moments = sorted(draws.uniform(0.0, LASTS) for _ in events)
@@ -57,16 +35,17 @@ def happening(events, draws, stop):
     return Thread(target=play)
 
 
-@pytest.mark.parametrize("engine", [of_dask, of_ray])
 @pytest.mark.parametrize("seed", range(RUNS))
-def test_nothing_is_lost_or_stored_twice(study, s3_proxy, request, engine, seed, tmp_path):
+def test_nothing_is_lost_or_stored_twice(study, s3_proxy, request, seed, tmp_path):
     draws, file, url = random.Random(seed), study(2 * LONG), s3_proxy("--every", "50") + "/study"
     settings = ("--set", "seeds=12")
     if seed % 2:  # the workers write each unit themselves
         (file.parent / "maps.py").write_text(f"ROWS = {ROWS!r}\n")
         settings = ("--set", "seeds=30", "--set", "seeds_per_unit=5")
     wanted = whole(file, tmp_path / "threads", *settings)
-    on, events = engine(request, draws)
+    cluster = request.getfixturevalue("dask")  # after the proxy, which its processes go through
+    doomed, on = draws.sample(cluster.workers, 2), cluster.on
+    events = [doomed[0].kill, cluster.add_worker, doomed[1].kill]
     stop = Event()
     thread = happening(events, draws, stop)
     thread.start()

@@ -1,41 +1,43 @@
-"""Two nodes of Ray give the results of threads, whatever dies meanwhile."""
+"""Ray as an executor, as the docs write it, gives the results of threads; also if a worker dies."""
 
+import re
+from pathlib import Path
+
+import psutil
 import pytest
 
-from tests.cluster.conftest import LONG, arrays_and_tables, begun, units_in, wait_until, whole
+import curricle as cr
+from tests.cluster.conftest import LONG, arrays_and_tables, units_in, whole
+
+PAGE = Path(__file__).parents[2] / "docs" / "howto" / "run_a_study.md"
 
 
-@pytest.fixture(params=["client", "member"])
-def on(request, ray_nodes, monkeypatch):
-    """The word for two nodes: through Ray's client, or for a process that is one of theirs."""
-    if request.param == "client":
-        return ray_nodes.on
-    monkeypatch.setenv("RAY_ADDRESS", ray_nodes.address)
-    return "ray"
+def test_rays_recipe_gives_the_results_of_threads(study, tmp_path, monkeypatch):
+    ray = pytest.importorskip("ray")
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    code = re.search(r"```python\n([^`]*class RayExecutor[^`]*)```", PAGE.read_text())[1]
+    recipe = dict[str, object]()
+    exec(code, recipe)
+    file, out, killed = study(LONG), tmp_path / "ray", list[psutil.Process]()
+    wanted = whole(file, tmp_path / "threads")
 
+    def kill_one(_):
+        if units_in(out) and not killed:
+            killed.extend(training()[:1])
+            for process in killed:
+                process.kill()
 
-def test_whatever_dies_or_joins_changes_nothing(study, ray_nodes, on, tmp_path):
-    wanted, out = whole(study(3 * LONG), tmp_path / "threads"), tmp_path / "ray"
-    running = begun(study(3 * LONG), out, "--on", on)
-    wait_until(lambda: units_in(out))
-    wait_until(ray_nodes.training)
-    ray_nodes.training()[0].kill()
-    wait_until(lambda: len(units_in(out)) >= 4)
-    ray_nodes.kill(ray_nodes.nodes[1])
-    ray_nodes.add_node()
-    assert running.poll() is None
-    printed, _ = running.communicate(timeout=240)
-    assert running.returncode == 0, printed
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+    try:
+        pool = recipe["RayExecutor"]()
+        cr.run_study(file, out, executor=pool, workers=2, progress=kill_one)
+    finally:
+        ray.shutdown()
+    assert killed
     assert arrays_and_tables(out) == wanted
 
 
-def test_a_lost_head_is_one_sentence_and_resume_goes_on(study, ray_nodes, on, tmp_path):
-    wanted, out = whole(study(3 * LONG), tmp_path / "threads"), tmp_path / "ray"
-    running = begun(study(3 * LONG), out, "--on", on)
-    wait_until(lambda: len(units_in(out)) >= 2)
-    ray_nodes.kill(ray_nodes.head)
-    printed, _ = running.communicate(timeout=120)
-    assert running.returncode == 3, printed
-    assert printed.count(" was lost") == 1
-    assert "Traceback" not in printed
-    assert whole(study(3 * LONG), out, "--resume") == wanted
+def training():
+    """The processes of Ray that train a unit now."""
+    children = psutil.Process().children(recursive=True)
+    return [child for child in children if child.cmdline()[:1] == ["ray::train_sent"]]

@@ -1,11 +1,6 @@
 """Studies with networks: stored as arrays, read again, resumed after a kill, shown as a page."""
 
 import re
-import signal
-import subprocess
-import sys
-import textwrap
-import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
@@ -22,12 +17,11 @@ from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.analysis import curricula_record
 from curricle.study.arms import Arms
-from curricle.study.store import RUN
-from tests.hunters import observed
-from tests.studies import OBSERVED_HUNT
+from tests.support.hunters import observed
+from tests.support.studies import OBSERVED_HUNT
 
-# A table, then a calibrated network, then two others: the last potential needs the network before
-# it, which needs the table.
+# A table, then a network on its scaled values, then two others: the last potential needs the
+# network before it, which needs the table.
 CHAIN = """
 name = "chain"
 seeds = 2
@@ -59,12 +53,12 @@ eval_freq = 200
 [[transfers]]
 source = "chase"
 target = "alone"
-observations = "tests.hunters:first"
-calibrate = { episodes = 5, max_steps = 100 }
+observations = "tests.support.hunters:first"
+scale = 1.5
 [[transfers]]
 source = "alone"
 target = "hunt"
-observations = "tests.hunters:second_alone"
+observations = "tests.support.hunters:second_alone"
 actions = [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4]
 [arms.residual]
 [arms.state]
@@ -125,13 +119,7 @@ def test_networks_read_again_have_the_same_values_bit_for_bit(study, whole, arm)
             assert np.array_equal(loaded[name], array)
 
 
-def test_the_chain_is_calibrated(whole):
-    store = StudyResults(whole).store
-    of_alone = [unit for unit in store.units() if unit.about.task == "alone"]
-    assert any(scale != 1 for unit in of_alone for scale in store.arrays(unit, RUN)["scale"])
-
-
-def test_networks_are_plain_arrays_and_no_checkpoint_stays(whole):
+def test_networks_are_plain_arrays(whole):
     units = [unit for unit in StudyResults(whole).store.units() if unit.about.task != "chase"]
     assert len(units) == (2 * 2 + 1) * 2  # two tasks of two arms, and the scratch baseline
     for unit in units:
@@ -139,7 +127,6 @@ def test_networks_are_plain_arrays_and_no_checkpoint_stays(whole):
             values = [name for name in arrays.files if name.startswith("values")]
             assert {name.split("/")[0] for name in values} == {"values_0"}
             assert all(arrays[name].dtype == np.float32 for name in values)
-    assert not (whole / ".checkpoints").exists()
     versions = StudyResults(whole).runs[0].versions
     assert {"torch", "stable-baselines3"} <= versions.keys()
 
@@ -168,27 +155,21 @@ def test_processes_and_shards_change_nothing(whole, one_arm, tmp_path):
     assert_some_of(whole, units(tmp_path / "both"))
 
 
-KILLED = """
-    import sys
-    from curricle.study import read_study, run_study
-    run_study(read_study(sys.argv[1]), sys.argv[2], resume=True)
-"""
+def test_a_unit_killed_within_a_network_is_trained_again_whole(
+    whole, one_arm, tmp_path, monkeypatch
+):
+    reach, folder = models.Recorder.reach, tmp_path / "killed"
 
+    def killed(recorder):
+        if recorder.checkpoint == 2:
+            raise KeyboardInterrupt
+        return reach(recorder)
 
-def test_a_study_killed_within_a_network_goes_on_to_the_same(whole, one_arm, tmp_path, monkeypatch):
-    folder = tmp_path / "killed"
-    command = [sys.executable, "-c", textwrap.dedent(KILLED), str(one_arm), str(folder)]
-    run = subprocess.Popen(command)
-    while run.poll() is None and not list(folder.glob(".checkpoints/**/*.checkpoint")):
-        time.sleep(0.002)
-    run.send_signal(signal.SIGKILL)
-    assert run.wait() == -signal.SIGKILL, "the study was over before it was killed"
-    (left,) = folder.glob(".checkpoints/**/*.checkpoint")
-    loaded, load = {}, models.load_checkpoint
-    monkeypatch.setattr(models, "load_checkpoint", lambda p, w: loaded.setdefault(p, load(p, w)))
+    monkeypatch.setattr(models.Recorder, "reach", killed)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(read_study(one_arm), folder, workers=1)
+    monkeypatch.setattr(models.Recorder, "reach", reach)
     run_study(read_study(one_arm), folder, resume=True)
-    assert loaded[left] is not None
-    assert not (folder / ".checkpoints").exists()
     assert_some_of(whole, units(folder))
 
 
@@ -197,7 +178,7 @@ def test_a_study_killed_within_a_network_goes_on_to_the_same(whole, one_arm, tmp
 
 def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
     page = write_report(whole, tmp_path / "report.html").read_text()
-    for text in ("observations by second_alone", "predicted start", "DeepLearner(DQN, MlpPolicy"):
+    for text in ("observations by second_alone", "DeepLearner(DQN, MlpPolicy"):
         assert text in page, text
     assert ">nan<" not in page
     print_results(StudyResults(whole), None, None)
@@ -290,9 +271,7 @@ def test_a_record_says_why_what_is_learnt_depends_on_the_total(learner, changes,
         learner=cr.deep.DeepLearner(**learner),
         **changes,
     )
-    reason = (
-        curricula_record({"transfer": PlannedArm(plan, {})}, {}).arms["transfer"].depends_on_total
-    )
+    reason = curricula_record({"transfer": PlannedArm(plan, {})}).arms["transfer"].depends_on_total
     assert reason.startswith(depends)
     assert bool(reason) is bool(depends)
 

@@ -150,34 +150,6 @@ def test_the_weight_of_the_entropy_stays_the_learners_own():
     assert halved.seen[:3] == (0.5, 0.25, 0.125)
 
 
-def test_a_killed_run_with_a_pull_goes_on_with_the_same_result(tmp_path):
-    observed, values, _ = task_and_source()
-    shaping = cr.deep.PolicyReuse(source(observed, values), kl=1.0)
-
-    class Killed(Exception):
-        pass
-
-    class Kill(BaseCallback):
-        def _on_step(self):
-            if self.num_timesteps > STEPS // 2:
-                raise Killed
-            return True
-
-    def run(saves, callbacks=None):
-        ppo = cr.deep.DeepLearner("PPO", envs=2, settings=learner().settings, callbacks=callbacks)
-        off = cr.GreedyEvaluation("off")
-        return cr.deep.learn_deep(
-            observed, ppo, STEPS, shaping=shaping, eval_freq=256, evaluation=off, saves=saves
-        )
-
-    whole = run(tmp_path / "whole")
-    with pytest.raises(Killed):
-        run(tmp_path / "cut", lambda: [Kill()])
-    resumed = run(tmp_path / "cut")
-    rows = np.eye(5, dtype=np.float32)
-    assert (resumed.values[0].v(rows) == whole.values[0].v(rows)).all()
-
-
 def test_a_pull_takes_actions_of_several_parts():
     actions = gymnasium.spaces.MultiDiscrete([2, 3])
     task = cr.observation_task(partial(Parts, actions), discount=0.9, time_limit=10)

@@ -1,9 +1,8 @@
-"""Training deep learners: curves, budgets, stopping, shapings, and runs that are resumed."""
+"""Training deep learners: curves, budgets, stopping and shapings."""
 
 import importlib
 import random
 from functools import partial
-from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -16,7 +15,6 @@ from curricle.deep import models
 from curricle.deep.learner import LIBRARIES
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues, acting
-from curricle.interop.gymnasium import TaskEnvironment
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.transfer.rollouts import Environments, mean_episode_return
 
@@ -35,17 +33,6 @@ def observed():
 
 def parts(values):
     return [values.parameters()[name] for name in sorted(values.parameters())]
-
-
-def same(result, other):
-    curves = ("steps", "greedy_return", "training_return", "episodes", "steps_used")
-    assert all(
-        np.array_equal(getattr(result, name), getattr(other, name), equal_nan=True)
-        for name in curves
-    )
-    for values, other_values in zip(result.values, other.values, strict=True):
-        pairs = zip(parts(values), parts(other_values), strict=True)
-        assert all(np.array_equal(a, b) for a, b in pairs)
 
 
 def test_checkpoints_between_the_steps_of_many_environments_are_recorded(observed):
@@ -116,147 +103,10 @@ def test_a_stopping_rule_ends_a_run_where_it_says(observed):
         cr.deep.learn_deep(observed, DQN, cr.StoppingRule(max_steps=2000, fraction=0.5))
 
 
-def test_charges_and_warm_ups_are_on_the_budget(observed):
-    warm_up = cr.learning.WarmUp(np.array([30, 25]), np.array([-30.0, -15.0]))
-    result = cr.deep.learn_deep(observed, DQN, 300, eval_freq=50, warm_up=[warm_up], charged=[100])
+def test_charges_are_on_the_budget(observed):
+    result = cr.deep.learn_deep(observed, DQN, 300, eval_freq=50, charged=[100])
     assert result.steps_used.tolist() == [200]
-    assert result.training_return[0, 1] == -30.0
     assert np.isfinite(result.greedy_return[0, :5]).all()
-    assert result.greedy_return[0, 0] == result.greedy_return[0, 1]
-
-
-@pytest.mark.parametrize(
-    ("learner", "way"), [(DQN, cr.QInitialisation), (DQN, cr.StateShaping), (PPO, cr.StateShaping)]
-)
-@pytest.mark.parametrize("kills", [1, 4])
-def test_a_killed_run_goes_on_to_the_same_result(
-    observed, tmp_path, monkeypatch, learner, way, kills
-):
-    phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values / 2)
-    settings = {"shaping": way(phi), "eval_freq": 100, "seeds": [2]}
-    whole = cr.deep.learn_deep(observed, learner, 400, **settings)
-    saved, save = [], models.Recorder._save
-
-    def killed(recorder):
-        save(recorder)
-        saved.append(recorder.progress.steps)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(models.Recorder, "_save", killed)
-    for _ in range(kills):
-        with pytest.raises(KeyboardInterrupt):
-            cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path)
-    monkeypatch.setattr(models.Recorder, "_save", save)
-    assert 0 < saved[0] < 400
-    assert saved == sorted(set(saved))
-    same(whole, cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
-    same(whole, cr.deep.learn_deep(observed, learner, 400, **settings, saves=tmp_path))
-
-
-NAN, ZERO = float("nan"), -0.0
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64", "float16", "int64", "uint8", "bool"])
-@pytest.mark.parametrize("special", [[0], [1], [255], [256], [-1], [0.5], [NAN], [ZERO], [1e30]])
-def test_large_arrays_are_saved_bit_by_bit(tmp_path, dtype, special):
-    with np.errstate(all="ignore"):
-        content = np.zeros((2**10, 1, 2**10), dtype)
-        content[:7] = np.arange(2**10) % 200
-        content[3, 0, 5] = np.array(special).astype(dtype)[0]
-    kept = {"whole": content, "again": content, "none": np.zeros(2**17), "turned": content.T}
-    models.save_checkpoint(tmp_path / "one", "run", SimpleNamespace(**kept), None)
-    filled = 7 * 2**10 * content.itemsize  # of `whole`; `turned` does not end in zeros
-    assert (tmp_path / "one").stat().st_size < content.nbytes + filled + 50_000
-    held = models.load_checkpoint(tmp_path / "one", "run").model[1]
-    for name, array in kept.items():
-        assert held[name].dtype == array.dtype
-        assert held[name].tobytes() == array.tobytes()
-    assert held["whole"] is held["again"]
-    held["whole"][0, 0, 0] = 1  # as a buffer is written to
-
-
-def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):
-    cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
-    with pytest.raises(cr.errors.StoreError, match="belongs to one run"):
-        cr.deep.learn_deep(observed, DQN, 200, saves=tmp_path)
-    for changed in ({"eval_freq": 50}, {"evaluation": cr.GreedyEvaluation(episodes=2)}):
-        with pytest.raises(cr.errors.StoreError, match="belongs to one run"):
-            cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path, **changed)
-    (tmp_path / "seed-0.checkpoint").write_bytes(b"nonsense")
-    with pytest.raises(cr.errors.StoreError, match="must be written by curricle"):
-        cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
-
-
-def test_a_checkpoint_of_another_schedule_is_refused(observed, tmp_path):
-    def schedule(start, share):
-        return start if isinstance(start, partial) else lambda left: start * (left + share)
-
-    def learnt(start, share=0.0):
-        settings = {**DQN.settings, "learning_rate": schedule(start, share)}
-        learner = cr.deep.DeepLearner("DQN", settings=settings)
-        return cr.deep.learn_deep(observed, learner, 100, saves=tmp_path / "function")
-
-    assert np.array_equal(learnt(1e-3).greedy_return, learnt(1e-3).greedy_return)
-    for changed in ((1e-1,), (1e-3, 0.5), (partial(pow, 2.0),)):
-        with pytest.raises(cr.errors.StoreError, match="belongs to one run"):
-            learnt(*changed)
-    texts = [repr(cr.deep.DeepLearner(settings={"x": partial(pow, n)})) for n in (2, 3)]
-    assert texts == [f"DeepLearner(DQN, MlpPolicy, x=pow({n}))" for n in (2, 3)]
-
-
-def test_a_checkpoint_of_another_source_is_refused(observed, tmp_path):
-    def shaped(height):
-        phi = cr.transfer.FunctionValues(state_values=lambda seen: np.full(len(seen), height))
-        shaping = cr.StateShaping(phi)
-        return cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path, shaping=shaping)
-
-    assert np.array_equal(shaped(1.0).greedy_return, shaped(1.0).greedy_return)
-    with pytest.raises(cr.errors.StoreError, match=r"belongs to one source: .* another folder"):
-        shaped(2.0)
-
-
-def test_a_task_of_any_name_is_saved_within_the_folder(observed, tmp_path):
-    cr.Curriculum({"../far/maze": observed}, learner=DQN, budget=100).train(saves=tmp_path / "in")
-    assert [path.name for path in tmp_path.iterdir()] == ["in"]
-    assert len(list((tmp_path / "in").glob("*/seed-0.checkpoint"))) == 1
-
-
-class Infos(BaseCallback):
-    """Keeps what steps tell."""
-
-    seen: ClassVar = []
-
-    def _on_step(self):
-        self.seen.extend(self.locals["infos"])
-        return True
-
-
-@pytest.mark.parametrize("shaped", [False, True])
-def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monkeypatch, shaped):
-    class Shy(TaskEnvironment):
-        def __reduce__(self):
-            raise TypeError("this environment cannot be pickled")
-
-    task = cr.tasks.ObservationTask(lambda: Shy(MAZE, observation="components"), MAZE.discount)
-    save = models.Recorder._save
-    row = cr.transfer.FunctionValues(state_values=lambda cells: cells[:, 0].astype(float))
-    settings = {"saves": tmp_path, "shaping": cr.StateShaping(row) if shaped else None}
-    learner = cr.deep.DeepLearner("DQN", settings=QUICK, callbacks=lambda: [Infos()])
-
-    def killed(recorder):
-        save(recorder)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(models.Recorder, "_save", killed)
-    with pytest.raises(KeyboardInterrupt):
-        cr.deep.learn_deep(task, learner, 200, **settings)
-    monkeypatch.setattr(models.Recorder, "_save", save)
-    Infos.seen.clear()
-    result = cr.deep.learn_deep(task, learner, 200, **settings)
-    assert Infos.seen
-    assert all(("shaping" in info) is shaped for info in Infos.seen)
-    assert result.steps_used.tolist() == [200]
-    assert np.isfinite(result.greedy_return).all()
 
 
 def test_ones_own_callbacks_are_called_and_may_end_a_run(observed):
@@ -382,23 +232,13 @@ def test_the_potential_is_added_to_values_learnt_with_state_shaping(observed):
     assert values.v(rows) == pytest.approx(bare.v(rows) + phi.v(rows))
 
 
-def test_a_deep_node_is_calibrated_by_episodes_it_is_charged_for(observed):
-    mapping = cr.transfer.ObservationMapping(observed, MAZE, lambda rows: rows.argmax(axis=1))
-    edge = cr.Transfer("maze", "deep", mapping, calibrate=cr.transfer.Calibrate(20))
-    plan = cr.Curriculum(
-        {"maze": MAZE, "deep": observed}, [edge],
-        learner={"deep": DQN}, budget={"maze": cr.StoppingRule(5000), "deep": 600},
-    )  # fmt: skip
-    result = plan.train(seeds=1)
-    (fitted,) = result.calibrations["deep"]
-    assert not fitted.refusal
-    assert fitted.steps > 0
-    assert result["deep"].steps_used.tolist() == [600]
-    assert result.source_steps("deep").tolist() == [5000]
-
-
 def test_algorithms_whose_exploration_falls_are_known_without_importing_them():
     for library in map(importlib.import_module, LIBRARIES):
         for name in (name for name in library.__all__ if isinstance(getattr(library, name), type)):
             learner = cr.deep.DeepLearner(name)
             assert learner.scheduled == ("exploration_fraction" in learner.takes)
+
+
+def test_a_learners_text_tells_its_settings_apart():
+    texts = [repr(cr.deep.DeepLearner(settings={"x": partial(pow, n)})) for n in (2, 3)]
+    assert texts == [f"DeepLearner(DQN, MlpPolicy, x=pow({n}))" for n in (2, 3)]

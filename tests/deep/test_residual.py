@@ -14,7 +14,7 @@ from curricle.deep.learner import residual_policy
 from curricle.deep.models import model_for
 from curricle.deep.networks import FEW, NetworkValues
 from curricle.deep.ways_in import PotentialCache, ResidualMlpPolicy
-from tests import hunters
+from tests.support import hunters
 
 from .worlds import one_hot, random_task, table_potential
 

@@ -10,7 +10,6 @@ import stable_baselines3 as sb3
 import torch
 from gymnasium.spaces import Box, Dict, Discrete
 from gymnasium.wrappers import FrameStackObservation, TransformObservation
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnvWrapper, VecNormalize
 
@@ -176,61 +175,6 @@ def test_a_network_keeps_its_statistics_wherever_it_goes(tmp_path):
     assert np.array_equal(again.values[0].v(seen), values.v(seen))
 
 
-def test_a_killed_run_that_normalises_goes_on_to_the_same(tmp_path, monkeypatch):
-    whole, save = learn_deep(CART, zoo(), 512, **TWO), models.Recorder._save
-
-    def killed(recorder):
-        save(recorder)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(models.Recorder, "_save", killed)
-    with pytest.raises(KeyboardInterrupt):
-        learn_deep(CART, zoo(), 512, saves=tmp_path, **TWO)
-    monkeypatch.setattr(models.Recorder, "_save", save)
-    resumed = learn_deep(CART, zoo(), 512, saves=tmp_path, **TWO)
-    assert np.array_equal(whole.greedy_return, resumed.greedy_return)
-    for name, array in whole.values[0].parameters().items():
-        assert np.array_equal(array, resumed.values[0].parameters()[name])
-
-
-class Generating(gymnasium.Wrapper):
-    """Holds a generator, which cannot be pickled."""
-
-    def __init__(self, env):
-        super().__init__(env)
-        self.numbers = iter(x for x in range(9))
-
-
-def test_statistics_of_rewards_go_on_where_environments_cannot_be_saved(tmp_path, monkeypatch):
-    task = cr.observation_task("CartPole-v1", discount=0.98, encode=Generating)
-    spreads, end = [], models.Recorder._on_training_start
-
-    def started(recorder):
-        spreads.append(recorder.training_env.ret_rms.count)
-        end(recorder)
-
-    monkeypatch.setattr(models.Recorder, "_on_training_start", started)
-    killed = replace(zoo(), callbacks=lambda: [Killed(256)])
-    with pytest.raises(KeyboardInterrupt):
-        learn_deep(task, killed, 512, saves=tmp_path, **TWO)
-    learn_deep(task, zoo(), 512, saves=tmp_path, **TWO)
-    fresh, resumed = spreads
-    assert fresh < 1 < 128 < resumed
-
-
-class Killed(BaseCallback):
-    """Ends a run after so many steps as if it were killed."""
-
-    def __init__(self, steps):
-        super().__init__()
-        self.steps = steps
-
-    def _on_step(self):
-        if self.num_timesteps >= self.steps:
-            raise KeyboardInterrupt
-        return True
-
-
 NUMBERED = cr.observation_task("FrozenLake-v1", is_slippery=False)  # no box to standardise
 
 
@@ -294,40 +238,6 @@ def test_a_residual_refuses_rewards_in_other_units():
     assert np.isfinite(result.greedy_return).all()
 
 
-def test_noise_with_a_memory_is_kept_in_a_checkpoint(tmp_path, monkeypatch):
-    settings = {"noise_type": "ornstein-uhlenbeck", "noise_std": 0.5, "learning_starts": 10}
-    settings |= {"policy_kwargs": {"net_arch": [8]}}
-    task, learner = cr.observation_task("Pendulum-v1"), DeepLearner("TD3", settings=settings)
-    whole, save = learn_deep(task, learner, 60, eval_freq=60), models.Recorder._save
-
-    def killed(recorder):
-        save(recorder)
-        if recorder.progress.steps == 30:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(models.Recorder, "_save", killed)
-    with pytest.raises(KeyboardInterrupt):
-        learn_deep(task, learner, 60, eval_freq=60, saves=tmp_path)
-    monkeypatch.setattr(models.Recorder, "_save", save)
-    resumed = learn_deep(task, learner, 60, eval_freq=60, saves=tmp_path)
-    assert np.array_equal(whole.greedy_return, resumed.greedy_return)
-
-
-@pytest.mark.parametrize("algorithm", ["PPO", "SAC"])
-def test_noise_that_depends_on_states_is_kept_in_a_checkpoint(tmp_path, algorithm):
-    settings = {"use_sde": True, "policy_kwargs": {"net_arch": [8]}}
-    settings |= {"n_steps": 16} if algorithm == "PPO" else {"learning_starts": 20}
-    task = cr.observation_task("Pendulum-v1", time_limit=20)
-    learner = DeepLearner(algorithm, settings=settings)
-    whole = learn_deep(task, learner, 128, eval_freq=32)
-    killed = replace(learner, callbacks=lambda: [Killed(100)])
-    with pytest.raises(KeyboardInterrupt):
-        learn_deep(task, killed, 128, eval_freq=32, saves=tmp_path)
-    resumed = learn_deep(task, learner, 128, eval_freq=32, saves=tmp_path)
-    assert np.array_equal(whole.greedy_return, resumed.greedy_return)
-    assert np.array_equal(whole.training_return, resumed.training_return, equal_nan=True)
-
-
 class Halved(VecEnvWrapper):
     """Halves rewards."""
 
@@ -368,26 +278,32 @@ def goals(env):
 
 
 HINDSIGHT = {"replay_buffer_class": sb3.HerReplayBuffer, "learning_starts": 60, "train_freq": 4}
+SDE = {"use_sde": True, "policy_kwargs": {"net_arch": [8]}}
+NOISE = {"noise_type": "ornstein-uhlenbeck", "noise_std": 0.5, "learning_starts": 10,
+         "policy_kwargs": {"net_arch": [8]}}  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("learner", "encode"),
+    ("learner", "name", "encode"),
     [
-        (DeepLearner(f"{__name__}:Halving", settings=SMALL), None),
-        (DeepLearner("PPO", "CnnPolicy", settings={"n_steps": 64, "batch_size": 32}), painted),
-        (DeepLearner("DQN", "MultiInputPolicy", settings=HINDSIGHT), goals),
+        (DeepLearner(f"{__name__}:Halving", settings=SMALL), "CartPole-v1", None),
+        (
+            DeepLearner("PPO", "CnnPolicy", settings={"n_steps": 64, "batch_size": 32}),
+            "CartPole-v1",
+            painted,
+        ),
+        (DeepLearner("DQN", "MultiInputPolicy", settings=HINDSIGHT), "CartPole-v1", goals),
+        (DeepLearner("PPO", settings={**SDE, "n_steps": 16}), "Pendulum-v1", None),
+        (DeepLearner("SAC", settings={**SDE, "learning_starts": 20}), "Pendulum-v1", None),
+        (DeepLearner("TD3", settings=NOISE), "Pendulum-v1", None),
     ],
 )
-def test_a_killed_run_keeps_the_wrappers_of_its_environments(tmp_path, learner, encode):
-    task = cr.observation_task("CartPole-v1", encode=encode, time_limit=30)
-    whole = learn_deep(task, learner, 192, eval_freq=64)
-    killed = replace(learner, callbacks=lambda: [Killed(150)])
-    with pytest.raises(KeyboardInterrupt):
-        learn_deep(task, killed, 192, eval_freq=64, saves=tmp_path)
-    resumed = learn_deep(task, learner, 192, eval_freq=64, saves=tmp_path)
-    networks = [result.values[0].parameters() for result in (whole, resumed)]
-    assert all(np.array_equal(networks[0][name], networks[1][name]) for name in networks[0])
-    assert np.array_equal(whole.training_return, resumed.training_return, equal_nan=True)
+def test_equal_seeds_agree_whatever_noise_wrappers_and_buffers_a_learner_has(learner, name, encode):
+    task = cr.observation_task(name, encode=encode, time_limit=20)
+    first, second = (learn_deep(task, learner, 128, eval_freq=64) for _ in range(2))
+    networks = [result.values[0].parameters() for result in (first, second)]
+    assert all(np.array_equal(networks[0][key], networks[1][key]) for key in networks[0])
+    assert np.array_equal(first.training_return, second.training_return, equal_nan=True)
 
 
 class Parts(gymnasium.ObservationWrapper):

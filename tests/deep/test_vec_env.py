@@ -1,10 +1,8 @@
 """The shaped vector environments of Stable-Baselines3: what a step is paid, and what is refused."""
 
-import pickle
 from functools import partial
 from itertools import count
 
-import cloudpickle
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -147,21 +145,6 @@ def test_values_are_read_once_a_step_and_never_of_a_terminal_state():
 
 
 # -- a good citizen of Stable-Baselines3 ---------------------------------------------------------
-
-
-@pytest.mark.parametrize("library", [pickle, cloudpickle])
-def test_a_copy_goes_on_where_the_original_is(library):
-    weight = cr.learning.linear(1.0, 0.2, steps=80)
-    venv = ShapedVecEnv(DummyVecEnv([monitored] * 2), height, discount=DISCOUNT, weight=weight)
-    venv.seed(0)
-    venv.reset()
-    venv.step([0, 1])
-    twin = library.loads(library.dumps(venv))
-    for _ in range(20):
-        for part, other in zip(venv.step([0, 1])[:3], twin.step([0, 1])[:3], strict=True):
-            np.testing.assert_array_equal(part, other)
-    assert twin.get_attr("observe") == venv.get_attr("observe")
-    assert twin.action_space == venv.action_space
 
 
 def test_what_stands_inside_can_be_reached():

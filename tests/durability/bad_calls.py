@@ -15,7 +15,6 @@ from functools import cache
 import numpy as np
 
 import curricle as cr
-from curricle.transfer.rollouts import greedy_rollouts
 
 NAN, INF = float("nan"), float("inf")
 MEMORY = 24 * 2**30
@@ -134,7 +133,6 @@ ARGUMENTS = {  # with which public names work
         "frame_steps": [0],
         "weight": 1.0,
     },
-    "DecayingAdvice": lambda: {"potential": phi(), "weight": 1.0},
     "StateShaping": lambda: {"potential": phi().to_state()},
     "StoppingRule": lambda: {"max_steps": 200, "threshold": 1.0, "patience": 2},
     "Storage": lambda: {"kind": "dense", "dtype": "float64", "memory_limit": "1 GB"},
@@ -142,7 +140,7 @@ ARGUMENTS = {  # with which public names work
     "GreedyEvaluation": lambda: {"method": "auto", "episodes": 3},
     "evaluate": lambda: {"task": MAZE, "policy": np.ones(6, int)},
     "solve": lambda: {"task": MAZE, "tolerance": 1e-6},
-    "plot": lambda: {"subject": cr.forecast(curriculum(), seeds=1), "path": None},
+    "plot": lambda: {"subject": cr.learn(**LEARN), "path": None},
     "read_study": lambda: {"path": "nowhere.toml"},
     "run_study": lambda: {"study": None, "path": "nowhere"},
     "ComputedMDP": lambda: dict(FUNCTIONS),
@@ -152,7 +150,6 @@ ARGUMENTS = {  # with which public names work
     "Pursuit": lambda: {"size": 3, "predators": 1, "moves": 5, "torus": False},
     "Component": lambda: {"name": "a", "size": 2, "low": 0, "labels": ("a", "b")},
     "Space": lambda: {"components": [cr.Component("a", 9)], "points": [[0], [2]]},
-    "calibrate": lambda: {"potential": phi(), "episodes": 5},
     "project": lambda: {"target": HUNT, "source": CHASE, "predator": "predator_1"},
     "Transfer": lambda: {"source": "a", "target": "b", "mapping": cr.same_position(MAZE, NEAR)},
     "from_function": lambda: {"target": MAZE, "source": MAZE, "function": lambda s, a: (s, a)},
@@ -162,7 +159,7 @@ ARGUMENTS = {  # with which public names work
         lambda: {"learning_rate": 0.1, "epsilon": 0.1, "initial_value": 0.0},
     ),
     **dict.fromkeys(
-        ("LookAheadAdvice", "LookBackAdvice", "QInitialisation", "RewardBonus"),
+        ("LookAheadAdvice", "QInitialisation", "RewardBonus"),
         lambda: {"potential": phi()},
     ),
     **dict.fromkeys(
@@ -212,7 +209,7 @@ CALLS = {name: (getattr(cr, name), good) for name, good in ARGUMENTS.items()} | 
     "rescaled mapped": (lambda **f: mapped().rescaled(**f), lambda: {"scale": 2.0, "shift": 1.0}),
     "pairs mapped": (lambda **f: mapped().pairs(**f), lambda: {"states": [0, 1]}),
     "MappedPotential": (
-        lambda **f: cr.transfer.MappedPotential(**f).values,
+        lambda **f: cr.learning.MappedPotential(**f).values,
         lambda: {"task": HUNT, "lookup": mapped().lookup},
     ),
     "StateActionMapping": (
@@ -221,7 +218,6 @@ CALLS = {name: (getattr(cr, name), good) for name, good in ARGUMENTS.items()} | 
     ),
     "read": (cr.same_position(MAZE, NEAR).read, lambda: {"source_values": np.ones((4, 4))}),
     "rollout": (cr.planning.rollout, lambda: {"task": MAZE, "policy": np.ones(6, int), "start": 0}),
-    "greedy_rollouts": (greedy_rollouts, lambda: {"potential": phi(), "episodes": 2}),
     "LiveMDP": (
         lambda **f: cr.learn(cr.tasks.LiveMDP(*RING, **f), budget=20, evaluation=OFF),
         lambda: {"make": Ring, "encode": None, "act": int, "time_limit": 9},

@@ -66,7 +66,7 @@ def quick_forecasts():
     """Let a preview take a second or five for what it lets take half a minute or five."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(output, "LONGEST", 1.0)
-        patch.setattr(output, "LONGEST_COMPARING", 5.0)
+        patch.setattr(output, "LONGEST_EXAMINING", 5.0)
         yield
 
 

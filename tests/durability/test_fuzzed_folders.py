@@ -15,7 +15,6 @@ from curricle.errors import LONGEST, CurricleError
 from curricle.files import archive_content, opened_archive, sealed
 from curricle.show.report import write_report
 from curricle.study import StudyResults, read_study, run_study
-from curricle.study.store import in_use
 from tests.durability.fuzzing import Hang, limited
 from tests.durability.study_mutations import NUMBERS, WORDS, holders_and_keys
 
@@ -105,8 +104,7 @@ def changed_json(content, draw):
 
 
 def read(folder):
-    """Do what `show`, `report` and `watch` do."""
-    in_use(folder)
+    """Do what `show` and `report` do."""
     results = StudyResults(folder)
     print_results(results, None, None)
     list(decision_lines(results, None, None, None))

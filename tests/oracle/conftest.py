@@ -11,7 +11,7 @@ import pytest
 import curricle as cr
 from curricle.learning.schedules import schedule
 from curricle.tasks.kernel import stream_start
-from tests import tasks
+from tests.support import tasks
 
 MASK, STRIDE = 2**64 - 1, 0x9E3779B97F4A7C15
 
@@ -158,7 +158,6 @@ class NaiveLearner:
     shaping: object = None
     literal: bool = False
     tables: list = field(init=False)
-    before: float = 0.0  # phi(s, a) of the step before
     choice: tuple = ()
 
     def __post_init__(self):
@@ -178,9 +177,8 @@ class NaiveLearner:
     def acting(self, state, step):
         rows = [q[state].tolist() for q in self.tables]
         row = rows[0] if len(rows) == 1 else [0.5 * (x + y) for x, y in zip(*rows, strict=True)]
-        if isinstance(self.shaping, cr.DecayingAdvice) or self.literal:
-            weight = 1.0 if self.literal else value_of(self.shaping.weight, step)
-            row = [x + weight * y for x, y in zip(row, self.phi(state), strict=True)]
+        if self.literal:
+            row = [x + y for x, y in zip(row, self.phi(state), strict=True)]
         return row
 
     def state_potential(self, state, step):
@@ -196,11 +194,6 @@ class NaiveLearner:
             return gamma * there - self.state_potential(state, step)
         if isinstance(self.shaping, cr.RewardBonus):
             return self.phi(state)[action]
-        if isinstance(self.shaping, cr.LookBackAdvice):
-            # The end's own term, gamma (0 - phi(s, a) / gamma), takes this step's phi(s, a) off.
-            here, before = self.phi(state)[action], self.before
-            self.before = here
-            return (0.0 if ended else here) - before / gamma
         return -self.phi(state)[action] if self.literal else 0.0
 
     def learn(self, state, action, reward, after, ended, step, rate, coin, draw):

@@ -8,7 +8,7 @@ import pytest
 import curricle as cr
 from curricle.certificate import ShapingReward
 from curricle.learning import OptimisticQLearning, Portfolio, value_bounds
-from tests.tasks import among_more_actions, dense_of, random_mdp, with_masks
+from tests.support.tasks import among_more_actions, dense_of, random_mdp, with_masks
 
 from .conftest import learn_naively
 
@@ -19,7 +19,7 @@ EXPLORATIONS = {
     "softmax": {"inverse_temperature": 2.0},
     "uniform": {"inverse_temperature": 0.0},
 }
-WAYS = [None, cr.QInitialisation, cr.RewardBonus, cr.DecayingAdvice, cr.StateShaping]
+WAYS = [None, cr.QInitialisation, cr.RewardBonus, cr.StateShaping]
 
 
 def same_as_naive(task, learner, shaping=None, *, exact=True, bounds=None):

@@ -9,7 +9,7 @@ from scipy.stats import chisquare
 import curricle as cr
 from curricle.tasks.kernel import inverse_of, quotient
 from curricle.tasks.models import first_state, table_model, transition
-from tests.tasks import pursuits
+from tests.support.tasks import pursuits
 
 FRACTION = 2**53
 

@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.transfer.rollouts import greedy_rollouts
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 SHAPINGS = [
     cr.QInitialisation,
     cr.LookAheadAdvice,
-    cr.LookBackAdvice,
     cr.RewardBonus,
-    cr.DecayingAdvice,
     cr.StateShaping,
     partial(cr.QInitialisation, portfolio=cr.Portfolio()),
 ]
@@ -85,7 +82,7 @@ def test_every_shaping_and_a_portfolio(way, pair, monkeypatch):
     # Only the rewards of tables bound values: without them there is no optimist.
     monkeypatch.setattr("curricle.learning.run.optimism", lambda task: None)
     tasks = pair(2, time_limit=9)
-    learner = cr.SARSA(epsilon=0.3) if way is cr.LookBackAdvice else cr.QLearning(epsilon=0.3)
+    learner = cr.QLearning(epsilon=0.3)
     shape = (12,) if way is cr.StateShaping else (12, tasks[0].actions.size)
     learn_both(tasks, learner, shaping=way(np.random.default_rng(0).normal(size=shape)))
 
@@ -105,14 +102,3 @@ def test_sparse_tables(pair):
 @pytest.mark.parametrize("learner", [cr.QLearning(), cr.DoubleQLearning()])
 def test_budgets_in_episodes(learner, pair):
     learn_both(pair(5, time_limit=9), learner, cr.Episodes(70))
-
-
-def test_greedy_rollouts(pair):
-    mdp, live = pair(6, time_limit=9)
-    phi = np.random.default_rng(0).normal(size=(12, mdp.actions.size))
-    phi[mdp.terminal] = 0.0
-    lively, other = (
-        greedy_rollouts(cr.StateActionPotential(t, phi), episodes=30) for t in (live, mdp)
-    )
-    for name in ("states", "actions", "predicted", "return_to_go", "lengths", "ended", "returns"):
-        np.testing.assert_array_equal(getattr(lively, name), getattr(other, name))

@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.planning import solution as planning_module
-from tests.tasks import dense_of
+from tests.support.tasks import dense_of
 
 MAZE = """
     .........T

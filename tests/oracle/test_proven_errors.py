@@ -8,8 +8,8 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.planning import solution as planning_module
-from tests import tasks
-from tests.enumeration import exact_action_values, exact_optimum, exact_values
+from tests.support import tasks
+from tests.support.enumeration import exact_action_values, exact_optimum, exact_values
 
 SCALES = (1e-9, 1.0, 1e7)
 

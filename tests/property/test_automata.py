@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 import curricle as cr
 from curricle.errors import TaskError
 from curricle.tasks import Automaton, with_automaton
-from tests.tasks import mdps, random_mdp, with_masks
+from tests.support.tasks import mdps, random_mdp, with_masks
 
 EVENTS = ("a", "b", "c", "")
 discounts = (0.3, 0.75, 0.95, 1.0)

@@ -12,9 +12,9 @@ from hypothesis.extra.numpy import arrays
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
 from curricle.certificate.shaped_task import check_shaping
-from curricle.tasks.mdp import reachable_states
-from tests.certificates import difference
-from tests.enumeration import (
+from curricle.tasks.graph import reachable_states
+from tests.support.certificates import difference
+from tests.support.enumeration import (
     CLOSE,
     action_values,
     agrees_exactly,
@@ -28,7 +28,7 @@ from tests.enumeration import (
     states_of,
     whole,
 )
-from tests.tasks import mdps
+from tests.support.tasks import mdps
 
 
 @given(mdps(), st.sampled_from([0.0, 1e3, 1e7, 1e11]), st.data())
@@ -83,21 +83,13 @@ def test_look_ahead_on_open_ends_agrees_with_its_literal_operator(mdp, data):
     shaped = check_shaping(task, cr.LookAheadAdvice(phi), ends="given")
     shaped = replace(shaped, compared=True)
     acted = shaped.looking_ahead(phi)
-    np.testing.assert_array_equal(shaped.met.states, met_states(mdp))
+    np.testing.assert_array_equal(shaped.reachable.states, met_states(mdp))
     np.testing.assert_allclose(acted.values, (q + phi)[met_states(mdp)], atol=acted.bound + 1e-9)
     certificate = certify(task, cr.LookAheadAdvice(phi), ends="given")
     ending = fractions(mdp.discount) * fractions(np.where(mdp.terminal, phi.max(axis=1), 0.0))
     agrees_with_values(
         mdp, certificate, action_values(mdp), action_values(mdp, ending[None, None, :])
     )
-
-
-@given(mdps(), st.floats(0.1, 10.0), st.data())
-def test_constant_advice_agrees_with_its_greedy_policies(mdp, weight, data):
-    phi = pairs_of(data, mdp)
-    certificate = certify(mdp.task(), cr.DecayingAdvice(phi, weight))
-    q = action_values(mdp)
-    agrees_with_values(mdp, certificate, q, q + Fraction(weight) * fractions(phi))
 
 
 # -- F that is nearly that of a potential ----------------------------------------------------------

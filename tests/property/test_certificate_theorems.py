@@ -2,14 +2,13 @@
 
 import numpy as np
 from hypothesis import given, strategies as st
-from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
 from curricle.certificate.shaped_task import Reachable, fit
-from tests.certificates import difference
-from tests.enumeration import all_discounts, met_states, pairs_of, states_of
-from tests.tasks import mdps
+from tests.support.certificates import difference
+from tests.support.enumeration import all_discounts, met_states, pairs_of, states_of
+from tests.support.tasks import mdps
 
 
 @given(mdps(all_discounts), st.data())
@@ -29,9 +28,6 @@ def test_every_state_action_potential_certifies(mdp, kind, data):
     certificate = certify(task, kind(cr.StateActionPotential(task, pairs)))
     assert certificate.holds is True
     assert certificate.residual <= 2 * certificate.error_bound + 1e-9
-    vanishing = cr.learning.exponential(1, half_life=5), cr.learning.linear(1, 0, steps=9)
-    weight = data.draw(st.sampled_from([*vanishing, cr.learning.harmonic()]))
-    assert certify(task, cr.DecayingAdvice(pairs, weight))
 
 
 @given(mdps(), st.data())
@@ -41,46 +37,6 @@ def test_a_changing_potential_certifies(mdp, data):
     weight = data.draw(st.sampled_from([1.0, *changing]))
     phi = cr.StatePotential(mdp.task(), frames, frame_steps=(0, 2, 5), weight=weight)
     assert certify(phi.task, cr.StateShaping(phi))
-
-
-@given(mdps((0.3, 0.75, 0.95)), st.data())
-def test_look_back_advice_is_safe_only_where_ways_agree_and_never_refuted(mdp, data):
-    # Few different numbers, so that ways that meet may agree.
-    phi = pairs_of(data, mdp, st.sampled_from([0, 0, 0, 5]))
-    certificate = certify(mdp.task(), cr.LookBackAdvice(phi))
-    entered = [{0.0} if s == 0 else set() for s in range(mdp.shape[0])]
-    for s in met_states(mdp):
-        for a in range(mdp.shape[1]):
-            for after in np.flatnonzero(mdp.p[s, a]):
-                entered[after].add(phi[s, a])
-    one_past = all(len(entered[s]) == 1 for s in met_states(mdp))
-    assert certificate.holds is (True if one_past else None)
-    if one_past:
-        assert certificate.residual <= 2 * certificate.error_bound + 1e-9
-
-
-@given(mdps(), st.integers(0, 99), st.data())
-def test_samples_never_contradict_a_potential(mdp, seed, data):
-    reward = ShapingReward(difference(mdp.zero_at_ends(states_of(data, mdp)), mdp.discount))
-    sample = certify(mdp.task(), reward, method="sampled", steps=600, seed=seed)
-    assert sample.holds is None
-    assert sample.contradictions == ()
-    assert sample.residual <= 1e-7
-
-
-@given(mdps(), st.data())
-def test_samples_contradict_only_what_has_no_potential(mdp, data):
-    task = mdp.task()
-    f = data.draw(arrays(np.int64, mdp.p.shape, elements=st.integers(0, 1))).astype(float)
-
-    def bonus(s, a, after):
-        return f[s, a, after]
-
-    sampled = certify(task, ShapingReward(bonus), method="sampled", steps=600)
-    exact = certify(task, ShapingReward(bonus))
-    if sampled.contradictions:
-        assert exact.residual > 1e-5
-        assert not any(text.startswith(f"F = {mdp.discount:g} Phi") for text in exact.findings)
 
 
 def reachable(mdp, function):

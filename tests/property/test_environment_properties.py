@@ -7,7 +7,7 @@ from curricle import GridWorld, Pursuit
 from curricle.interop import register
 from curricle.interop.gymnasium import to_gymnasium
 from curricle.tasks.mdp import tables
-from tests.tasks import mdps
+from tests.support.tasks import mdps
 
 register()
 STEPS = 4_000

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import curricle as cr
-from tests.tasks import pursuits
+from tests.support.tasks import pursuits
 
 HUNTS = pursuits(discounts=[0.0, 0.5, 0.9, 0.99])
 
@@ -26,23 +26,6 @@ def test_factored_models_and_tables_have_the_same_optimum(game, tolerance):
     differ = factored.optimal != other.optimal
     assert (gap[differ] <= 2 * bound).all()
     assert not factored.action_values[game.mdp.terminal].any()
-
-
-@settings(max_examples=30)
-@given(HUNTS, st.integers(0, 99), st.sampled_from(["actions", "mixed", "some", "greedy"]))
-def test_factored_models_and_tables_evaluate_alike(game, seed, kind):
-    rng = np.random.default_rng(seed)
-    shape = game.states.size, game.actions.size
-    policy = {
-        "actions": lambda: rng.integers(shape[1], size=shape[0]),
-        "mixed": lambda: rng.dirichlet(np.ones(shape[1]), size=shape[0]),
-        "some": lambda: cr.planning.greedy_policy(rng.integers(2, size=shape)),
-        "greedy": lambda: cr.solve(game, tolerance=1e-3).policy,
-    }[kind]()
-    factored, other = cr.evaluate(game, policy), cr.evaluate(game.mdp, policy)
-    bound = factored.error_bound + other.error_bound + 1e-12
-    assert abs(factored.values - other.values).max() <= bound
-    assert abs(factored.action_values - other.action_values).max() <= bound
 
 
 def test_a_pursuit_that_is_too_large_has_no_factored_model():

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
+from benchmarks.unrelated_pairs import SEARCHED
 from curricle import FiniteMDP, project
 from curricle.planning import solve
 from curricle.transfer import (
@@ -27,9 +28,9 @@ from curricle.transfer.bisimulation import (
     refined,
 )
 from curricle.transfer.mapping import ENDED, UNMAPPED
-from tests.enumeration import exact_action_values, exact_optimum
-from tests.renumbering import renumbered
-from tests.tasks import mdps
+from tests.support.enumeration import exact_action_values, exact_optimum
+from tests.support.renumbering import renumbered
+from tests.support.tasks import mdps
 
 
 def blocks_naively(dense):
@@ -166,7 +167,7 @@ def test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks(pairs):
         apart = exact_differences(target, source)
         live = np.repeat(~target.terminal, target.actions.size)
         rows = np.arange(live.size)
-        for candidate in find_mappings(target, source, keep=100):
+        for candidate in find_mappings(target, source, searches=SEARCHED, keep=100):
             index = candidate.mapping.index.ravel()
             mapped = live & (index != UNMAPPED)
             true = apart[rows, np.where(index == ENDED, -1, index)][mapped].max(initial=Fraction(0))

@@ -8,9 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from curricle import Episodes, GreedyEvaluation, GridWorld, StoppingRule, Storage, learn
-from curricle.learning.result import arrays_of, joined_results
-from curricle.study.record import UnitRecord
-from curricle.study.store import DecisionRow, UnitResult, joined_units, unit_content
+from curricle.learning.result import joined_results
 
 MAZE = GridWorld(["S...", "..P.", "...T"], time_limit=30)
 SEEDS = (0, 1, 3, 7, 8)
@@ -83,25 +81,6 @@ def for_any_groups(test):
 def test_any_groups_joined_are_all_together(budget, storage, labels, snapshots):
     parts = [learnt(seeds, budget, storage, snapshots) for seeds in parts_of(labels)]
     assert_equal(joined_results(parts), learnt(SEEDS, budget, storage, snapshots))
-
-
-def unit_of(seeds, budget, storage, snapshots):
-    numbers = 0.0, 0.0, 0.0, 0.0
-    decisions = [
-        DecisionRow("line", seed, step, step == 40, "why", *numbers, f"{seed} at {step}")
-        for seed in seeds
-        for step in (20, 40)
-    ]
-    arrays = arrays_of(learnt(seeds, budget, storage, snapshots))
-    return UnitResult(arrays, decisions)
-
-
-@for_any_groups
-def test_files_of_any_units_joined_have_the_bytes_of_one_unit(budget, storage, labels, snapshots):
-    parts = [unit_of(seeds, budget, storage, snapshots) for seeds in parts_of(labels)]
-    whole = unit_of(SEEDS, budget, storage, snapshots)
-    about = UnitRecord(key="0f", dependencies={}, task="maze", seeds=SEEDS)
-    assert unit_content(about, joined_units(parts)) == unit_content(about, whole)
 
 
 def test_stopping_rules_end_the_seeds_apart():

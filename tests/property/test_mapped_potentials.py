@@ -1,18 +1,15 @@
-"""Mapped potentials against the same as arrays, on random mappings by name; their calibration."""
+"""Mapped potentials against the same as arrays, on random mappings by name."""
 
 import itertools
 import tracemalloc
 
 import numpy as np
 from hypothesis import given, settings, strategies as st
-from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.transfer import Calibrate
 from curricle.transfer.aggregate import aggregate
-from curricle.transfer.calibration import fit_calibration
 from curricle.transfer.potential import mapped_potential
-from tests.tasks import mdps, predator_edges
+from tests.support.tasks import predator_edges
 
 AGGREGATES = [cr.minimum, cr.maximum, cr.mean, cr.total]
 NUMBERS = st.sampled_from([0.0, -1.0, 0.1, 3.7, -12.3])
@@ -218,23 +215,3 @@ def test_mappings_and_potentials_of_huge_targets_need_little_memory():
     assert peak < 20 * q.nbytes
     for function in (lambda phi: phi[0], np.median):  # of a user: it needs arrays
         assert mapped_potential(huge, edges, [q] * 4, function) is None
-
-
-@given(mdps(), st.data(), st.integers(1, 30), st.sampled_from([None, 1, 7, 60]), st.integers(0, 9))
-def test_a_calibration_keeps_to_its_steps_and_scales_or_leaves_phi_alone(
-    mdp, data, episodes, max_steps, seed
-):
-    task = mdp.task(time_limit=6)
-    shape = (task.states.size, task.actions.size)
-    values = data.draw(arrays(np.float64, shape, elements=st.integers(-9, 2)))
-    phi = cr.StateActionPotential(task, values)
-    fitted = fit_calibration(phi, Calibrate(episodes, max_steps), seed=seed)
-    assert fitted.episodes <= episodes
-    assert 0 < fitted.steps <= (6 * episodes if max_steps is None else max_steps)
-    assert fitted.steps == fitted.warm_up.lengths.sum()
-    if fitted.refusal:
-        assert fitted.potential is phi
-        assert fitted.scale == 1
-    else:
-        assert fitted.scale > 0
-        np.testing.assert_array_equal(fitted.potential.values, fitted.scale * phi.values)

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 
 import curricle as cr
 from curricle.learning import OptimisticQLearning, harmonic, value_bounds
-from tests.tasks import mdps
+from tests.support.tasks import mdps
 
 FEW = settings(max_examples=25, deadline=None)
 

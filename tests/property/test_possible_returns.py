@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle.planning import policy_evaluation
-from curricle.planning.policy_evaluation import possible_returns
+from curricle.planning import target
+from curricle.planning.target import possible_returns
 from curricle.statistics.intervals import mean_interval
-from tests.tasks import random_mdp, with_masks
+from tests.support.tasks import random_mdp, with_masks
 
 
 def returns_of_all_episodes(mdp, discount):
@@ -50,7 +50,7 @@ def test_they_are_those_of_all_episodes(seed, discount, limit, size, masked):
 def test_where_the_search_takes_too_long_they_are_not_known(monkeypatch):
     maze = cr.GridWorld(["S..", "..T"])
     assert possible_returns(maze, 1.0) == (-200.0, 197.0)
-    monkeypatch.setattr(policy_evaluation, "MOST_SWEEPS", 199)
+    monkeypatch.setattr(target, "MOST_SWEEPS", 199)
     assert possible_returns(maze, 1.0) is None
 
 

@@ -5,7 +5,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.tasks.mdp import reachable_states
+from curricle.tasks.graph import reachable_states
 
 
 def naive_reach(mdp, allowed):

@@ -62,11 +62,17 @@ def results(draw):
     }
     totals = {
         name: draw(array((n_seeds,), counts, "int64"))
-        for name in ("steps_used", "episodes_used", "evaluation_steps")
+        for name in ("steps_used", "episodes_used", "evaluation_steps", "floor_steps")
     }
     flags = {
         name: draw(array((n_seeds,), st.booleans(), "bool"))
         for name in ("out_of_memory", "own_rewards")
+    }
+    ends = st.sampled_from(["all steps used", "memory full", "threshold reached"])
+    levels = {
+        "ended_by": draw(array((n_seeds,), ends, "U64")),
+        "level": draw(array((n_seeds,), st.floats(), "float64")),
+        "floor": draw(array((n_seeds,), st.floats(), "float64")),
     }
     snapshots = None
     if draw(st.booleans()):
@@ -81,6 +87,7 @@ def results(draw):
         snapshots=snapshots,
         **curves,
         **totals,
+        **levels,
         **flags,
     )
 

@@ -5,48 +5,23 @@ from concurrent.futures import Future
 import pytest
 from hypothesis import given, strategies as st
 
-from curricle.comparison.plan import Failures, Unit
-from curricle.study import running
-from curricle.study.running import AHEAD, Scheduler
+from curricle.comparison import plan
+from curricle.comparison.plan import Failures, Unit, trained_units
 
 SEEDS = range(5)
-
-
-class Held:
-    """Trained units that wait, for as long as is drawn, until they are stored together."""
-
-    def __init__(self, data, done):
-        self.data, self.done, self.waiting = data, done, []
-
-    def __bool__(self):
-        return bool(self.waiting)
-
-    @property
-    def seconds(self):
-        return float(self.data.draw(st.booleans(), "waits"))
-
-    def add(self, unit, result):
-        self.waiting.append((unit, result))
-
-    def write(self):
-        written, self.waiting = self.waiting, []
-        for unit, _ in written:
-            self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds))
-        return written
 
 
 class Checked:
     """Workers that check what they are sent (`first` says it naively), ending in a drawn order."""
 
-    share_folders = False
-
-    def __init__(self, data, units, keys, done, workers, failing):
+    def __init__(self, data, units, keys, done, most, failing):
         self.data, self.units, self.keys, self.done = data, units, keys, done
-        self.workers, self.failing = workers, failing
+        self.most, self.failing = most, failing
         self.sent, self.stored, self.failed, self.held = [], [], [], {}
 
-    def number(self):
-        return self.workers
+    def keep(self, unit, result):
+        assert unit is result
+        self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds))
 
     def needed(self, unit):
         failed = {other.key for other in self.failed}
@@ -72,8 +47,8 @@ class Checked:
         return future
 
     def wait(self, futures, timeout, return_when):
-        assert len(futures) <= AHEAD * self.workers
-        assert len(futures) == AHEAD * self.workers or self.first() is None
+        assert len(futures) <= self.most
+        assert len(futures) == self.most or self.first() is None
         assert not [other for other in futures if other.cancelled()]
         waiting = [other for other in futures if not other.done()]
         some = st.lists(st.sampled_from(waiting), min_size=1, unique=True)
@@ -129,13 +104,12 @@ def studies(draw):
 
 def sent_to_the_end(data, study, failing):
     keys, units, done = study
-    workers = Checked(data, units, keys, done, data.draw(st.integers(1, 3), "workers"), failing)
-    scheduler = Scheduler(workers.train, Held(data, done), workers, Noting(workers))
+    workers = Checked(data, units, keys, done, data.draw(st.integers(1, 6), "at once"), failing)
+    places = {"ahead": lambda: workers.most, "lost": workers.lost}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(running, "wait", workers.wait)
-        for unit, result in scheduler.results(units):
-            assert unit is result
-            workers.stored.append(unit)
+        patch.setattr(plan, "wait", workers.wait)
+        running = trained_units(units, workers.train, workers.keep, Noting(workers), **places)
+        workers.stored += [unit for unit, _ in running]
     assert len(set(workers.sent)) == len(workers.sent)
     return workers
 

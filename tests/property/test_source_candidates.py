@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from curricle import evaluate, solve
-from curricle.design import source_candidates
-from curricle.design.kinds import (
+from curricle.candidates import source_candidates
+from curricle.candidates.kinds import (
     coarser_tables,
     design_target,
     likeliest_outcomes,
@@ -18,9 +18,10 @@ from curricle.design.kinds import (
 from curricle.errors import CurriculumError, TaskError
 from curricle.planning import visit_distribution
 from curricle.tasks import frozen_lake_family, maze_family, random_maze
-from curricle.tasks.mdp import reachable_states, same_task
+from curricle.tasks.graph import reachable_states
+from curricle.tasks.mdp import same_task
 from curricle.transfer.bisimulation import model_for_refinement, refined
-from tests.tasks import mdps
+from tests.support.tasks import mdps
 
 MAZES = st.builds(
     maze_family,

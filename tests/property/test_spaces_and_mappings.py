@@ -97,7 +97,7 @@ def test_coverage_agrees_with_counting_pair_by_pair(chain):
     read = [p for p in pairs if p >= 0]
     available = (f.source.states.size - 1) * f.source.actions.size
     c = f.coverage()
-    assert c.target_pairs == len(pairs)
+    assert c.size == len(pairs)
     assert c.mapped == len(read) / len(pairs)
     assert c.ended == pairs.count(ENDED) / len(pairs)
     assert c.unmapped == pairs.count(UNMAPPED) / len(pairs)

@@ -11,7 +11,7 @@ from curricle.errors import TaskError
 from curricle.planning import visit_distribution
 from curricle.tasks import GoalDistance, goal_distance, with_start
 from curricle.tasks.start_states import goal_states
-from tests.tasks import mdps
+from tests.support.tasks import mdps
 
 SEEDS = st.integers(0, 2**32 - 1)
 

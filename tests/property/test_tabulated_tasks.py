@@ -7,8 +7,8 @@ from hypothesis import given, settings, strategies as st
 
 import curricle as cr
 from curricle.interop import DeepCopy
-from curricle.tasks.mdp import reachable_states
-from tests.worlds_to_tabulate import Written
+from curricle.tasks.graph import reachable_states
+from tests.support.worlds_to_tabulate import Written
 
 
 @st.composite

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from tests.tasks import DenseMDP, mdps, meeting_paths, tree
+from tests.support.tasks import DenseMDP, mdps, tree
 
 whole = st.integers(-8, 8)
 
@@ -69,7 +69,7 @@ LEARNT = [
     (cr.Storage(dtype="float32"), ONCE),
     (cr.Storage(kind="sparse"), ONCE),
 ]
-ADDED = [cr.QInitialisation, cr.StateShaping, cr.RewardBonus, cr.DecayingAdvice]
+ADDED = [cr.QInitialisation, cr.StateShaping, cr.RewardBonus]
 
 
 @settings(max_examples=200)
@@ -127,40 +127,29 @@ def test_a_plain_bonus_can_change_the_optimal_policy():
     bonus = np.array([[0.0, 2.0], [0.0, 0.0]])
     assert cr.solve(mdp.task()).optimal[0].tolist() == [True, False]
     assert cr.solve(mdp.task(bonus[:, :, None])).optimal[0].tolist() == [False, True]
-    task, fading = mdp.task(), cr.learning.exponential(1.0, half_life=500)
     for shaping, expected in (
         (cr.RewardBonus(bonus), 1),
         (cr.QInitialisation(bonus), 0),
         (cr.LookAheadAdvice(bonus), 0),
-        (cr.DecayingAdvice(bonus, weight=fading), 0),
     ):
-        learnt = cr.learn(task, cr.QLearning(epsilon=0.2), 5000, shaping=shaping)
+        learnt = cr.learn(mdp.task(), cr.QLearning(epsilon=0.2), 5000, shaping=shaping)
         assert learnt.values[0, 0].argmax() == expected, shaping
 
 
-# A deterministic tree: each state has one way in, so that look-back advice, whose TD target mixes
-# what came before over the ways in, is exact too. Chance enters by exploration alone, and seeds
-# are fixed: there is no false alarm unless the random stream changes. If it does: while epsilon is
+# A deterministic tree: chance enters by exploration alone, and seeds are fixed: there is no false
+# alarm unless the random stream changes. If it does: while epsilon is
 # above 2/3, in 3,300 episodes, each leaf is reached with probability 3^-3 or more, so that it
 # goes unseen with less than e^-120; the first visit, at rate 1, wipes out the misleading start.
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
-SHAPINGS = {
-    cr.QInitialisation: LEARNERS,
-    cr.LookAheadAdvice: LEARNERS,
-    cr.StateShaping: LEARNERS,
-    cr.DecayingAdvice: LEARNERS,
-    cr.LookBackAdvice: [cr.SARSA],
-}
 
 
-@pytest.mark.parametrize(("way", "kind"), [(way, k) for way in SHAPINGS for k in SHAPINGS[way]])
+@pytest.mark.parametrize("kind", LEARNERS)
+@pytest.mark.parametrize("way", [cr.QInitialisation, cr.LookAheadAdvice, cr.StateShaping])
 def test_every_shaping_finds_the_optimal_policy(way, kind):
     task = tree()
     solution = cr.solve(task)
     misleading = -3.0 * solution.action_values
     phi = cr.StateActionPotential(task, misleading)
-    fading = {"weight": cr.learning.exponential(1.0, half_life=1000)}
-    shaping = way(phi, **(fading if way is cr.DecayingAdvice else {}))
     assert (phi.values.argmax(axis=1) != solution.action_values.argmax(axis=1))[:7].all()
     result = cr.learn(
         task,
@@ -168,22 +157,10 @@ def test_every_shaping_finds_the_optimal_policy(way, kind):
             learning_rate=cr.learning.harmonic(half=20),
             epsilon=cr.learning.linear(1.0, 0.01, steps=30_000),
         ),
-        40_000, seeds=3, shaping=shaping,
+        40_000, seeds=3, shaping=way(phi),
     )  # fmt: skip
     best = result.values[:, :7].argmax(axis=2)
     np.testing.assert_array_equal(best, np.tile(solution.optimal[:7].argmax(axis=1), (3, 1)))
     assert result.greedy_return[:, -1] == pytest.approx(solution.start_value, abs=1e-6)
     if kind is cr.QLearning:  # off-policy, deterministic: the values themselves
         assert abs(result.values - solution.action_values).max() < 1e-3
-
-
-def test_look_back_advice_can_mislead_where_several_ways_meet():
-    # Why the tree above: SARSA's target carries the *average* of what came before s' / gamma, not
-    # this step's own. Here most ways into states 1 and 2 come from 4, without advice, so that
-    # advice on the worse action of state 0 is never taken back. A known limit, no invariance.
-    task, phi = meeting_paths()
-    sarsa = cr.SARSA(learning_rate=cr.learning.harmonic(half=20), epsilon=0.1)
-    misled = cr.learn(task, sarsa, 50_000, seeds=3, shaping=cr.LookBackAdvice(phi))
-    safe = cr.learn(task, sarsa, 50_000, seeds=3, shaping=cr.LookAheadAdvice(phi))
-    assert (misled.values[:, 0].argmax(axis=1) == 1).all()
-    assert (safe.values[:, 0].argmax(axis=1) == 0).all()

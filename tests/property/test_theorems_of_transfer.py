@@ -7,7 +7,7 @@ from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.transfer.aggregate import BUILT_IN, aggregate
-from tests.tasks import mdps
+from tests.support.tasks import mdps
 
 
 @settings(max_examples=25)

@@ -3,9 +3,10 @@
 import numpy as np
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison, Reference, comparison_plan
+from curricle.comparison import choice
+from curricle.comparison.comparison import Comparison, comparison_plan
+from curricle.comparison.measures import Arm, Reference
 from curricle.comparison.plan import Memory
-from curricle.design import choice
 from curricle.statistics.curves import SCRATCH, Curve
 
 REPEATS, ARMS = 200, 12

@@ -10,7 +10,7 @@ import pytest
 import curricle as cr
 from benchmarks.pairs.families.lines import chain, river, sea
 from curricle.learning import OptimisticQLearning
-from curricle.planning.policy_evaluation import Target
+from curricle.planning.target import Target
 
 pytestmark = pytest.mark.slow
 SEEDS = 20

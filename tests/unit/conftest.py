@@ -8,12 +8,12 @@ import pytest
 
 from curricle.cli.app import main
 from curricle.study import read_study, run_study
-from tests.comparisons import calls  # noqa: F401  a fixture
-from tests.sent_folders import sent, sent_folder  # noqa: F401  fixtures
-from tests.studies import complaints_of, reader
+from tests.support.comparisons import calls  # noqa: F401  a fixture
+from tests.support.sent_folders import sent, sent_folder  # noqa: F401  fixtures
+from tests.support.studies import complaints_of, reader
 
 # The crop is a part of the target, the middle task has a source and is one, the stopping rule ends
-# each seed at its own step, and one arm pays for a calibration.
+# each seed at its own step, and one arm doubles its source's values.
 CHAIN = """
 name = "chain"
 opponents = []
@@ -56,14 +56,20 @@ mapping = "same_position"
 [arms.chain]
 [arms.state]
 shaping = "StateShaping"
-[[arms.calibrated.transfers]]
+[[arms.scaled.transfers]]
 source = "easy"
 target = "maze"
 mapping = "same_position"
-calibrate = { episodes = 5 }
+scale = 2.0
 """
 OF_RUNS = {"runs.json", ".lock"}
 """Files that tell of a run and not of its results."""
+
+
+@pytest.fixture
+def url_of(tmp_path):
+    """A function: name -> the URL of a folder that the memory of this process holds."""
+    return lambda name: f"memory://{tmp_path.name}/{name}"
 
 
 @pytest.fixture

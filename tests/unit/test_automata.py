@@ -7,8 +7,8 @@ import pytest
 
 import curricle as cr
 from curricle.errors import TaskError
-from curricle.show.scenes import scene_of
-from curricle.show.views import GridView
+from curricle.pictures.scenes import scene_of
+from curricle.pictures.views import GridView
 from curricle.tasks import Automaton, with_automaton, with_start
 
 WORLD = cr.GridWorld(["S.#.", "...T"], rewards=cr.Rewards(step=0.0, treasure=0.0), discount=0.9)

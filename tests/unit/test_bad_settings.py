@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.errors import PotentialError, SettingError
 from curricle.planning import rollout
-from tests.refusals import check_refusal
+from tests.support.refusals import check_refusal
 
 NAN, INF = float("nan"), float("inf")
 LINE = cr.GridWorld("S.T")
@@ -44,7 +44,6 @@ SETTINGS = [
     (lambda: cr.QLearning(initial_value=INF), "finite: got inf"),
     (lambda: cr.learning.linear(1, 0, steps=0), "steps must be positive: got 0"),
     (lambda: ask(shaping=PHI), "shaping must be a Shaping, .* got StateActionPot"),
-    (lambda: ask(shaping=cr.LookBackAdvice(PHI)), "on-policy SARSA .*got QLearning"),
     (lambda: ask(shaping=cr.QInitialisation(PHI.to_state())), r"phi\(s, a\): got StatePotential"),
     (lambda: ask(shaping=[cr.QInitialisation(PHI)] * 2, seeds=3), "entry per seed, 3: got 2"),
     (

@@ -9,7 +9,6 @@ import curricle as cr
 from curricle import Component, FiniteMDP, GridWorld, Pursuit, Space
 from curricle.errors import TaskError
 from curricle.tasks import (
-    BlockDude,
     CliffWalking,
     DeepSea,
     FourRooms,
@@ -17,15 +16,14 @@ from curricle.tasks import (
     GoalDistance,
     KeyLockPit,
     RiverSwim,
-    block_dude_family,
     frozen_lake_family,
     goal_distance,
     random_maze,
     river_swim_family,
     with_start,
 )
-from tests.refusals import check_refusal, check_values
-from tests.tasks import ring
+from tests.support.refusals import check_refusal, check_values
+from tests.support.tasks import ring
 
 NAN = float("nan")
 LINE, CHASE = GridWorld("S.T"), Pursuit(3, 1)
@@ -125,16 +123,6 @@ TASKS = [
     (lambda: random_maze(size=1), "size of a maze must be a whole number, at least 2: got 1"),
     (lambda: random_maze(walls=0.9, fires=0.2), "sum to at most 1: got 0.9, 0.05 and 0.2"),
     (lambda: random_maze(corner="north"), "corner of a maze must be one of north-west"),
-    (lambda: BlockDude(4), "level must be one of 1, 2, 3: got 4"),
-    (lambda: BlockDude("E<>"), "one agent < or >: there are 2"),
-    (lambda: BlockDude("<.."), "one exit E: there are none"),
-    (lambda: BlockDude("<.T"), "drawn with < > E B # .: row 0, column 2 has 'T'"),
-    (lambda: BlockDude(["..B", "<E."]), "the block needs ground, .* below row 0, column 2"),
-    (lambda: BlockDude([".<.", "..E"], origin=(2, 3)), "needs ground, .* below row 2, column 4"),
-    (lambda: BlockDude(start="corner"), "start must be one of map, uniform"),
-    (lambda: BlockDude(1).crop(columns=(0, 10), agent=10), "agent's column must lie in a crop"),
-    (lambda: BlockDude(["#<.", "##E"]).crop(columns=(0, 3), agent=0), "cell above what is drawn"),
-    (lambda: BlockDude(1, discount=1, time_limit=None).mdp, "discount 1 needs a time limit"),
     (lambda: DeepSea(start="bottom"), "'surface', 'uniform' or cells"),
     (lambda: DeepSea(start=[1, 2]), r"cells such as"),
     (lambda: DeepSea(start=[(2, 3)]), r"free cell .*got \(2, 3\)"),
@@ -163,7 +151,6 @@ TASKS = [
     (lambda: frozen_lake_family(map="random", size=5, part=6), "less than the lake's 5 rows"),
     (lambda: frozen_lake_family(size=6), "size of frozen_lake is of random lakes"),
     (lambda: river_swim_family(forward=0.7, back=0.5), "be at most 1 together: got river_swim"),
-    (lambda: block_dude_family(columns=7), "must be one of 10, 11, .* no way to the exit: got"),
     # Starts and goals.
     (lambda: with_start(MAZE, GoalDistance(30)), "lies 30..30 steps from the goal: the farthest"),
     (lambda: with_start(MAZE, [0, 0, 1, 0]), r"none twice .*: got \[0, 0, 1, 0\]"),
@@ -234,7 +221,7 @@ def test_a_lookup_of_another_task_is_refused():
     edge = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
     trained = cr.Curriculum({"chase": chase, "hunt": hunt}, [edge], budget=50).train()
     lookup = trained.potentials["hunt"][0].lookup
-    assert cr.transfer.MappedPotential(hunt, lookup).values.shape == (729, 25)
+    assert cr.learning.MappedPotential(hunt, lookup).values.shape == (729, 25)
     for task, candidate in (
         (Pursuit(4, 2), lookup),
         (hunt, lookup._replace(first=lookup.first + 10**6)),
@@ -244,7 +231,7 @@ def test_a_lookup_of_another_task_is_refused():
         (hunt, None),
     ):
         with pytest.raises(cr.errors.PotentialError, match="lookup must be made for its task"):
-            cr.transfer.MappedPotential(task, candidate)
+            cr.learning.MappedPotential(task, candidate)
 
 
 @pytest.mark.parametrize("state", [-1, 6, 0.5, None, "x", [[1], [1, 2]], 2**64])

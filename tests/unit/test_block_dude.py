@@ -5,10 +5,9 @@ from collections import deque
 import pytest
 from hypothesis import assume, example, given, strategies as st
 
+from benchmarks.referee.block_dude import PARTS, BlockDude, block_dude_family
 from curricle import solve
-from curricle.errors import TaskError
-from curricle.tasks import BlockDude
-from tests.refusals import check_refusal
+from curricle.tasks import goal_distance
 
 WEST, EAST, UP, PICK_UP, PUT_DOWN = range(5)
 
@@ -189,24 +188,27 @@ def test_every_action_on_a_random_map_is_burlap_s(lines):
             assert states[after] == model.act(states[state], action)
 
 
-# -- variants, pictures, mistakes -----------------------------------------------------------------
+# -- parts -----------------------------------------------------------------------------------------
 
 
 def test_a_crop_is_the_part_with_its_coordinates():
-    part = BlockDude(1).crop(columns=(0, 12), agent=10)
-    assert part.level == ("............", "............", "...#.......#", "E..#...#.B>#")
-    half = solve(part)
-    assert part.states.component("column").size == 12
-    # Turn to the block, carry it over the wall: 13 steps.
-    assert half.values[0] == pytest.approx(-(1 - 0.99**13) / 0.01)
-    right = BlockDude([">.E.", "#..."]).crop(columns=(1, 4), agent=3)
-    assert right.origin == (0, 1)
-    assert right.level == (".E.", "..>")
-    kept = BlockDude("..<.E").crop(columns=(2, 5))
-    assert kept.level == ("<.E",)
+    part = BlockDude(1).crop(columns=(0, 12))
+    assert part.level == ("............", "...........>", "...#.......#", "E..#...#.B.#")
+    right = BlockDude([">.E.", "#..."]).crop(columns=(1, 4))
+    assert (right.origin, right.level) == ((0, 1), (".E.", "..>"))
+    assert BlockDude("..<.E").crop(columns=(2, 5)).level == ("<.E",)
 
 
-def test_too_many_states_are_refused_in_one_sentence(monkeypatch):
-    monkeypatch.setattr("curricle.tasks.block_dude.LARGEST_SPACE", 500)
-    says = "at most 500 states that can be reached: this one, of 25 columns and 2 blocks, has more"
-    check_refusal(TaskError, lambda: BlockDude(1).states, says)
+@pytest.mark.parametrize("level", [1, 3])
+def test_parts_of_levels_are_those_with_a_way_to_the_exit(level):
+    solvable = []
+    for columns in range(2, 20):
+        part = BlockDude(level).crop(columns=(0, columns))
+        mdp, blocks = part.mdp, sum(line.count("B") for line in part.level)
+        ends = blocks and mdp.terminal.any()
+        if ends and goal_distance(mdp, mdp.terminal)[mdp.start_states[0]] > 0:
+            solvable.append(columns)
+    assert solvable == [columns for columns in PARTS[level] if columns < 20]
+    members = block_dude_family.easier(block_dude_family(level=level, columns=solvable[-1]))
+    of_level = [member["columns"] for member in members if member["level"] == level]
+    assert of_level == solvable[:-1]

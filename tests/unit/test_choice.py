@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison, Reference
+from curricle.comparison import choice as module
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.measures import Arm, Reference
 from curricle.comparison.plan import Plan, PlannedArm
-from curricle.design import choice as module
 from curricle.errors import CurriculumError, SettingError, StudyError, TaskError
 from curricle.statistics.curves import Curve
 from curricle.study import StudyStore, merge, run_study
 from curricle.study.tuning import CHOICE, NO_CURRICULUM, chosen_file, trial_study as choice_trials
 from curricle.tasks import pursuit_family
 from curricle.transfer import StateActionMapping
-from tests.comparisons import flat
+from tests.support.comparisons import flat
 from tests.unit.test_study_runner import Inline
 
 HUNT = """

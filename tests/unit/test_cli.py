@@ -1,8 +1,7 @@
-"""The command: help, exit codes, errors as a sentence; and what ``watch`` opens."""
+"""The command: help, exit codes, errors as a sentence; and what ``run --open`` opens."""
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import webbrowser
@@ -18,7 +17,7 @@ from curricle.cli import progress_bars
 from curricle.cli.app import app
 from curricle.show.report import page_of
 from curricle.study import StudyResults
-from tests.studies import CORNER
+from tests.support.studies import CORNER
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -90,7 +89,7 @@ def test_what_compiles_says_so_once(tmp_path, monkeypatch):
     assert said == [("2\n", 1), ("0\n", 0)]
 
 
-# -- watch ------------------------------------------------------------
+# -- run --open --------------------------------------------------------
 
 
 @pytest.fixture
@@ -107,40 +106,27 @@ def opened(monkeypatch):
     return lambda: asked.wait(60) and addresses
 
 
-def test_a_finished_study_is_watched_to_its_end_outside_its_folder(
-    curricle, opened, copied, contents
-):
-    before = contents(copied)
-    code, out, _ = curricle("watch", copied)
-    (address,) = opened()
-    page = Path(urlparse(address).path)
-    assert (code, page.name, page.parent == copied) == (0, "report.html", False)
-    assert page.read_text("utf-8") == page_of(StudyResults(copied))
-    assert out.splitlines()[-1] == f"The run is over: {page}"
-    assert contents(copied) == before
-
-
-def test_a_study_that_compares_nothing_is_watched_to_its_end(
-    curricle, opened, study_file, tmp_path
-):
-    alone = ["--seeds", "1", "--set", "compared=false", "--arm", "chain"]
-    assert curricle("run", study_file, "--out", tmp_path / "out", *alone)[0] == 0
-    code, out, _ = curricle("watch", tmp_path / "out")
-    assert (code, "The run is over: " in out, len(opened())) == (0, True, 1)
-
-
 SHORT = "budget=400"
 
 
-def test_the_page_of_a_run_is_watched_while_it_runs(tmp_path, monkeypatch):
-    """In another process, which ends as the run does."""
-    monkeypatch.chdir(tmp_path)
+def test_the_page_of_a_run_is_opened_while_it_runs_and_becomes_its_report(
+    curricle, opened, tmp_path
+):
     Path("line.toml").write_text(CORNER, "utf-8")
-    run = python("-m", "curricle", "run", "line.toml", "--open", "--seeds", "2", "--set", SHORT)
-    assert run.returncode == 0, run.stderr
-    page = Path("line-results/report.html")
-    assert f"The run is over: {page}" in run.stdout
+    code, out, _ = curricle("run", "line.toml", "--open", "--seeds", "2", "--set", SHORT)
+    (address,) = opened()
+    page = Path(urlparse(address).path)
+    assert (code, page) == (0, tmp_path / "line-results" / "report.html")
+    assert out.startswith("Open line-results/report.html: it is written anew")
     assert page.read_text("utf-8") == page_of(StudyResults("line-results"))
+
+
+def test_the_page_of_a_study_that_compares_nothing_is_no_report(
+    curricle, opened, study_file, tmp_path
+):
+    alone = ["--seeds", "1", "--set", "compared=false", "--arm", "chain", "--open"]
+    assert curricle("run", study_file, "--out", tmp_path / "out", *alone)[0] == 0
+    assert "The run is over" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
 
 @pytest.mark.parametrize(
@@ -154,34 +140,3 @@ def test_a_browser_in_the_terminal_is_not_opened(monkeypatch, variables, windows
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     assert progress_bars.has_windows() is windows
-
-
-@pytest.mark.parametrize("url", ["file:///nowhere/at-all", "http://nowhere/study"])
-def test_a_url_without_a_study_is_refused(curricle, url):
-    code, out, complaint = curricle("watch", url)
-    assert (code, out) == (1, "")
-    assert len(complaint.splitlines()) == 1
-    assert "nowhere" in complaint
-
-
-def interruptible():
-    """Make SIGINT interrupt a child, even where the suite itself ignores it (``nohup ... &``)."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
-def test_watching_ends_when_interrupted_and_leaves_the_folder(copied, contents, tmp_path):
-    (copied / "analysis.json").unlink()  # the run has not ended
-    before, page = contents(copied), tmp_path / "page.html"
-    command = [sys.executable, "-m", "curricle", "watch", copied, "--out", page]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=interruptible
-    ) as watching:
-        assert watching.stdout.readline().startswith(f"Open {page}")
-        assert 'data-seconds="0' not in page.read_text("utf-8")
-        watching.send_signal(signal.SIGINT)
-        _, complaint = watching.communicate()
-    assert watching.returncode == 130
-    assert complaint == "curricle: interrupted; what was stored before is whole\n"
-    assert 'data-seconds="0"' in page.read_text("utf-8")
-    assert contents(copied) == before

@@ -12,7 +12,6 @@ import pytest
 
 from curricle.study import StudyResults, StudyStore, read_study
 from curricle.study.templates import KINDS
-from tests.unit.test_cli import interruptible
 from tests.unit.test_config_sweeps import MAZES
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -94,7 +93,7 @@ def test_the_words_are_explained_if_asked(curricle, finished):
     code, out, _ = curricle("show", finished, "--explain")
     assert code == 0
     assert out.startswith(plain)
-    assert "\nstrong gain: mean return above" in out
+    assert "\nstrong gain: mean return over" in out
 
 
 def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tmp_path):
@@ -104,7 +103,7 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tm
     assert lines[0] == "chain: 4 arms, 4 seeds, 16 units"
     cost_at = next(n for n, line in enumerate(lines) if line.startswith("cost at most"))
     heads = [line for line in lines[:cost_at] if line.startswith("arm")]
-    assert heads == ["arm scratch", "arms chain, state", "arm calibrated"]  # a graph is drawn once
+    assert heads == ["arm scratch", "arms chain, state", "arm scaled"]  # a graph is drawn once
     assert "  maze: 14 states x 4 actions; QLearning; 1,500 steps" in lines
     assert any(line.startswith("    easy -> maze: ") for line in lines)
     bill = [line.split() for line in lines if ": " in line and line.endswith(" s")]
@@ -116,7 +115,7 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tm
     assert "about" in out
     assert "one processor" in out
     assert re.search("arm chain\ntraining .*\nForecast for 'maze': ", out)
-    # Of "state" and "calibrated" too. Trials train tasks of other names, the target's among them.
+    # Of "state" and "scaled" too. Trials train tasks of other names, the target's among them.
     trained = [call["stream"] for call in calls]
     once = [name for name in trained if not name.endswith("/trial")]
     assert once == ["corner", "easy", "easy", "easy"]
@@ -151,7 +150,7 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     assert (done.seeds, done.record.budget) == ((0, 1, 2), 300)
     code, _, complaint = run("--seeds", "0-3")
     assert code == 1
-    assert "curricle: chain-results already holds results, 8 files of units: go on" in complaint
+    assert "curricle: chain-results already holds results, 16 files of units: go on" in complaint
     code, _, progress = run("--seeds", "0-3", "--resume")
     assert code == 0
     assert "seed 3\n" in progress
@@ -189,8 +188,7 @@ def test_a_dry_run_says_what_is_left_and_does_nothing(
     code, out, _ = curricle("run", study_file, "--dry-run", "--out", copied)
     assert out.splitlines() == [
         "chain: corner, seeds 0-1: 300 steps at most",
-        "chain: corner, seeds 2-3: 300 steps at most",
-        f"2 units to do, 14 done, in {copied}",
+        f"1 unit to do, 15 done, in {copied}",
     ]
     assert contents(copied) == before
 
@@ -210,11 +208,9 @@ def test_a_command_line_that_makes_no_sense(refused, study_file, tmp_path, argum
     assert not list(tmp_path.iterdir())
 
 
-def test_tracking_is_passed_on(curricle, study_file, tmp_path):
-    pytest.importorskip("tensorboard")
-    code, _, complaint = curricle("run", study_file, "--seeds", "1", "--track", "tensorboard")
-    assert code == 0, complaint
-    assert list((tmp_path / "chain-results").rglob("events.out.tfevents*"))
+def interruptible():
+    """Make SIGINT interrupt a child, even where the suite itself ignores it (``nohup ... &``)."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
@@ -280,18 +276,16 @@ def test_decisions_are_sentences(curricle, refused, finished):
 
 def test_studies_of_one_target_are_compared(curricle, refused, study_file, finished, tmp_path):
     quick, easy = ["--seeds", "0-2", "--workers", "2"], "tasks.easy.budget"
-    less = ["--set", "name=less", "--set", f"{easy}=500"]
-    assert curricle("run", study_file, "--out", "less", *quick, *less)[0] == 0
-    refused(1, "arm 'calibrated' of ", "compare", finished, "less")  # takes a share of the total
-    text = tmp_path / "plain.toml"
-    text.write_text(study_file.read_text().partition("[[arms.calibrated")[0])
     for folder, steps in (("a/of_600", 600), ("b/of_500", 500), ("c/of_600", 600)):
-        assert curricle("run", text, "--out", folder, *quick, "--set", f"{easy}={steps}")[0] == 0
+        assert (
+            curricle("run", study_file, "--out", folder, *quick, "--set", f"{easy}={steps}")[0] == 0
+        )
     code, out, _ = curricle("compare", "a/of_600", "b/of_500")
     assert code == 0
     arms = [line.split("  ")[0] for line in out.splitlines()[2:]]
-    ours = [f"{folder}: {arm}" for folder in ("of_600", "of_500") for arm in ("chain", "state")]
-    assert arms == ["scratch", *ours]  # by folder, where the names of studies are equal
+    names = ("chain", "state", "scaled")
+    apart = [f"{folder}: {arm}" for folder in ("of_600", "of_500") for arm in names]
+    assert arms == ["scratch", *apart]  # by folder, where the names of studies are equal
     assert "1,400 steps" in out.splitlines()[0]  # the smaller total
     assert "3 seeds" in out.splitlines()[0]
     code, out, _ = curricle("compare", "a/of_600", "c/of_600")

@@ -8,12 +8,12 @@ import pytest
 
 import curricle as cr
 from curricle.comparison import Comparison, Reference
-from curricle.comparison.comparison import MEASURES
+from curricle.comparison.measures import MEASURES
+from curricle.comparison.sentences import cluster_sentence, findings, nothing_learnt
 from curricle.comparison.trial import Trial
 from curricle.planning import Target
-from curricle.show.findings import findings
 from curricle.statistics.intervals import interquartile_interval
-from tests.comparisons import arm_of, flat
+from tests.support.comparisons import arm_of, flat
 
 BY_HAND = Comparison(
     target="maze",
@@ -87,18 +87,18 @@ def test_seeds_that_are_apart_from_the_others_are_said_to_be():
     comparison = comparison_of(
         scratch=few + 300, few=few, half=half, none=few[2:].repeat(2, 0)[:12]
     )
-    assert [name for name in comparison.arms if comparison.cluster_sentence(name)] == [
+    assert [name for name in comparison.arms if cluster_sentence(comparison, name)] == [
         "scratch",
         "few",
         "half",
     ]
-    few_apart = comparison.cluster_sentence("few")
+    few_apart = cluster_sentence(comparison, "few")
     middle = interquartile_interval(comparison.returns["few"])
     assert few_apart.startswith("the seeds of few are in two clusters, mean return of 10 near 150.")
     assert f"and of 2 near {heights[:2].mean():.4g}; interquartile mean" in few_apart
     assert few_apart.endswith(f"without the few: {str(middle).rpartition(',')[0]}")
-    assert "of 6 near" in comparison.cluster_sentence("half")
-    assert "interquartile" not in comparison.cluster_sentence("half")
+    assert "of 6 near" in cluster_sentence(comparison, "half")
+    assert "interquartile" not in cluster_sentence(comparison, "half")
     assert few_apart in str(comparison)
     (sentences,) = [arm.sentences for arm in findings(comparison) if arm.arm == "few"]
     assert any("The seeds of few are in two" in sentence for sentence in sentences)
@@ -115,10 +115,10 @@ def test_an_arm_that_is_not_shown_reaches_the_threshold_too():
     arms = {"scratch": flat([5.0, 5.1]), "A": flat([6.0, 6.1])}
     hidden = arm_of([[0, 9]] * 2, scratch=True, curriculum="A", initial_values=np.zeros(2))
     comparison = Comparison("maze", arms, 10, 10, Reference(8.0), 1)
-    assert comparison.nothing_learnt
+    assert nothing_learnt(comparison)
     comparison = replace(comparison, arms=arms | {"A, constant mean": hidden})
     assert "A, constant mean" not in comparison.shown
-    assert not comparison.nothing_learnt
+    assert not nothing_learnt(comparison)
 
 
 def test_where_the_random_policy_is_optimal_up_to_rounding_there_is_nothing_to_learn():
@@ -126,10 +126,10 @@ def test_where_the_random_policy_is_optimal_up_to_rounding_there_is_nothing_to_l
     reference = Reference.of(target)
     assert (reference.threshold, reference.nothing_to_learn) == (None, True)
     comparison = comparison_of(scratch=[[2.0, 2.0]], other=[[2.0, 2.0]])
-    assert comparison.nothing_learnt == ""  # 2 is above the threshold
+    assert nothing_learnt(comparison) == ""  # 2 is above the threshold
     comparison = replace(comparison, reference=replace(reference, threshold=2.0))
     assert not comparison.times("other").reached.any()
-    assert comparison.nothing_learnt == ""
+    assert nothing_learnt(comparison) == ""
     assert Trial(comparison, "").numbers("other").startswith("nothing to learn, as the random")
     outcomes = [[[(0.5, 1, -1.0), (0.5, 0, -1.0)]], [[]]]
     one_action = cr.FiniteMDP.from_outcomes(

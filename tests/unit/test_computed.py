@@ -8,8 +8,7 @@ import curricle as cr
 from curricle import Component, ComputedMDP, QLearning, Space
 from curricle.errors import TaskError
 from curricle.planning.rollouts import random_rollouts
-from curricle.transfer.rollouts import greedy_rollouts
-from tests.tasks import ring, ring_by_tables, ring_start, ring_step
+from tests.support.tasks import ring, ring_by_tables, ring_start, ring_step
 
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)
 PLACES, MOVES = Space([Component("place", 9)]), Space([Component("move", 2, labels=("on", "back"))])
@@ -151,8 +150,6 @@ SLOW = {
         bad, budget=300, shaping=cr.QInitialisation(phi(bad), portfolio=cr.Portfolio())
     ),
     "evaluation": lambda bad: cr.learn(bad, budget=300, eval_freq=1),
-    "greedy rollouts": lambda bad: greedy_rollouts(phi(bad), episodes=5),
-    "calibration": lambda bad: cr.calibrate(phi(bad)),
     "random rollouts": lambda bad: random_rollouts(bad, episodes=5, length=20),
 }
 WAYS = [*FAST.items(), *[pytest.param(*way, marks=pytest.mark.slow) for way in SLOW.items()]]

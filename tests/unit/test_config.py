@@ -20,8 +20,8 @@ from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
 from curricle.study_file import schema as settings, task_tables as tasks
 from curricle.study_file.schema import table_of
-from curricle.transfer import Calibrate, aggregate as aggregation
-from tests.studies import HUNT, MAZE, only
+from curricle.transfer import aggregate as aggregation
+from tests.support.studies import HUNT, MAZE, only
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,6 @@ def test_a_new_class_is_in_toml_without_a_second_declaration():
         (settings.SHAPINGS[0], cr.QInitialisation()),
         (table_of(cr.Portfolio), cr.Portfolio()),
         (table_of(harmonic), harmonic()),
-        (table_of(Calibrate), Calibrate()),
         (tasks.PursuitTask, cr.Pursuit()),
     ],
 )
@@ -217,11 +216,6 @@ SAID = [
         OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5, epsilon=0.1),
     ),
     ("shaping", "{ portfolio = true }", cr.QInitialisation(portfolio=cr.Portfolio())),
-    (
-        "shaping",
-        "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
-        cr.DecayingAdvice(weight=harmonic(half=9)),
-    ),
     ("storage", "{ dtype = 'float32', memory_limit = '1 GiB' }", STORAGE),
     ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
     (
@@ -242,12 +236,3 @@ def test_an_arm_guards_the_shaping_of_the_study(read):
     study = read(HUNT.replace("[learner]", "shaping = 'LookAheadAdvice'\n[learner]") + arms)
     made = [study.curriculum(arm).setting("shaping", "hunt") for arm in ("plain", "guarded")]
     assert made == [cr.LookAheadAdvice(), cr.LookAheadAdvice(portfolio=cr.Portfolio())]
-
-
-@pytest.mark.parametrize(
-    ("said", "made"),
-    [("true", Calibrate()), ("false", None), ("{ max_steps = 5 }", Calibrate(max_steps=5))],
-)
-def test_calibration_may_be_a_flag(read, said, made):
-    study = read(HUNT, set=[f"transfers.0.calibrate={said}", f"transfers.1.calibrate={said}"])
-    assert only(study).calibration("hunt") == made

@@ -11,7 +11,7 @@ from curricle.planning import visit_distribution
 from curricle.study import StudyConfig
 from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import FourRooms, GoalDistance, maze_family, taxi_family, with_start
-from tests.studies import OBSERVED_HUNT, reader
+from tests.support.studies import OBSERVED_HUNT, reader
 
 NAMES = ", ".join(BUILT_IN)
 HUNT = """\
@@ -20,14 +20,21 @@ seeds = 2
 budget = 300
 aggregate = "minimum"
 
-[families.ring]
+[tasks.chase]
 family = "pursuit"
+size = 3
+predators = 1
 torus = true
 discount = 0.95
 
-[tasks]
-chase = { family = "ring", size = 3, predators = 1 }
-hunt = { family = "ring", size = 3, predators = 2, time_limit = "none", budget = 400 }
+[tasks.hunt]
+family = "pursuit"
+size = 3
+predators = 2
+torus = true
+discount = 0.95
+time_limit = "none"
+budget = 400
 
 [[transfers]]
 source = "chase"
@@ -38,13 +45,16 @@ scale = 0.5
 OWN_FAMILY = """
 from curricle import GridWorld
 from curricle.transfer import same_position
-from curricle.tasks import Parameter, task_family
+from typing import Annotated
+from curricle.tasks import Rule, task_family
 
 def by_cells(target, source):
     return [same_position(target.task, source.task)]
 
-@task_family(Parameter("length", low=2, high=9, harder="larger"), mapping=by_cells)
-def corridor(length: int, treasure: float = 200.0, limit: int | None = 50):
+@task_family(mapping=by_cells)
+def corridor(
+    length: Annotated[int, Rule(2, 9, "larger")], treasure: float = 200.0, limit: int | None = 50
+):
     if treasure == 13:
         raise RuntimeError("no luck")
     return GridWorld("S" + "." * (length - 2) + "T", time_limit=limit)
@@ -56,13 +66,9 @@ name = "lanes"
 seeds = 2
 budget = 300
 
-[families.lane]
-family = "own:corridor"
-limit = "none"
-
 [tasks]
-short = { family = "lane", length = 4 }
-long = { family = "lane", length = 8 }
+short = { family = "own:corridor", length = 4 }
+long = { family = "own:corridor", length = 8, limit = "none" }
 
 [[transfers]]
 source = "short"
@@ -77,7 +83,7 @@ def read_family(tmp_path):
     return reader(tmp_path)
 
 
-def test_members_are_tasks_with_their_familys_defaults(read_family):
+def test_members_are_tasks(read_family):
     curriculum = read_family(HUNT).curriculum("transfer")
     settings = {"torus": True, "discount": 0.95}
     assert curriculum.tasks["chase"] == Pursuit(3, 1, **settings)
@@ -93,7 +99,7 @@ def test_a_familys_mappings_are_transfers_of_their_own(read_family):
         assert (edge.mapping.index == project(hunt, chase, predator=name).index).all()
 
 
-def test_a_built_in_family_needs_no_table(read_family):
+def test_parameters_left_out_have_the_familys_defaults(read_family):
     text = 'name = "maze"\n[tasks]\nmaze = { family = "maze", size = 4.0, seed = 2 }'
     assert (
         read_family(text).curriculum("transfer").tasks["maze"] == maze_family(size=4, seed=2).task
@@ -105,10 +111,7 @@ def test_a_family_of_ones_own(read_family):
     assert curriculum.tasks["long"] == GridWorld("S......T", time_limit=None)
     (edge,) = curriculum.transfers
     assert edge.mapping.coverage().mapped > 0.3
-    direct = LANES.replace('family = "lane", length = 4', 'family = "own:corridor", length = 4')
-    assert read_family(direct).curriculum("transfer").tasks["short"] == GridWorld(
-        "S..T", time_limit=50
-    )
+    assert curriculum.tasks["short"] == GridWorld("S..T", time_limit=50)
 
 
 def test_a_crop_of_a_familys_maze(read_family):
@@ -131,7 +134,6 @@ def test_a_crop_of_a_familys_maze(read_family):
 def test_plain_data_hold_every_parameter(read_family, text):
     study = read_family(text)
     plain = json.loads(json.dumps(study.to_data()))
-    assert "families" not in plain
     again = StudyConfig.from_data(plain, study.folder)
     assert again == study
     first, second = (config.curriculum("transfer").tasks for config in (again, study))
@@ -151,7 +153,7 @@ tasks.chase.size = 2
 [arms.walled]
 tasks.chase.torus = false
 [arms.other]
-tasks.chase = { family = "pursuit", size = 3, predators = 1, moves = 4 }
+tasks.chase = { family = "maze", size = 3, seed = 1 }
 [arms.maze]
 tasks.chase = { type = "maze", map = "S.T" }
 transfers = [{ source = "chase", target = "hunt", factory = "own:by_cells" }]
@@ -166,7 +168,7 @@ transfers = [{ source = "chase", target = "hunt", factory = "own:by_cells" }]
         "same": "pursuit(size=3, predators=1, torus=True, discount=0.95)",
         "small": "pursuit(size=2, predators=1, torus=True, discount=0.95)",
         "walled": "pursuit(size=3, predators=1, discount=0.95)",
-        "other": "pursuit(size=3, predators=1, moves=4)",
+        "other": "maze(size=3, seed=1)",
     }
     assert tasks["maze"].type == "maze"
     assert len(study.curriculum("small").transfers) == 2
@@ -179,8 +181,8 @@ def test_a_study_of_families_runs(read_family, tmp_path):
 
 def test_a_crop_of_what_is_no_maze_is_refused(read_family):
     text = HUNT.replace('mapping = "family"', "project = {}").replace(
-        'chase = { family = "ring", size = 3, predators = 1 }',
-        'chase = { type = "crop", of = "hunt", rows = [0, 2], columns = [0, 2] }',
+        'family = "pursuit"\nsize = 3\npredators = 1\ntorus = true\ndiscount = 0.95',
+        'type = "crop"\nof = "hunt"\nrows = [0, 2]\ncolumns = [0, 2]',
     )
     with pytest.raises(ConfigError, match="what a crop is a part of must be one of GridWorld, "):
         _ = read_family(text).curricula

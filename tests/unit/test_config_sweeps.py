@@ -5,7 +5,7 @@ import pytest
 from curricle import QLearning
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from tests.studies import CORNER
+from tests.support.studies import CORNER
 
 MAZES = CORNER.replace('name = "maze"', 'name = "mazes"\nseeds = 2\nlearner.epsilon = 0.2')
 MAZES = MAZES.replace("[tasks.maze]", "[tasks.maze]\nbudget = 1_000")

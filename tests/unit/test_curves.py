@@ -16,7 +16,7 @@ from curricle.statistics import (
 )
 from curricle.statistics.curves import Times, charge_source, fraction_of_optimum, midpoint, smooth
 from curricle.statistics.intervals import mean_interval
-from tests.refusals import check_values
+from tests.support.refusals import check_values
 
 NAN, INF = np.nan, np.inf
 STEPS = np.array([0, 100, 200, 300, 400])

@@ -10,8 +10,8 @@ from curricle.comparison.task_differences import differences
 from curricle.errors import ConfigError
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
-from tests.hunters import observed
-from tests.studies import OBSERVED_HUNT as HUNT, reader
+from tests.support.hunters import observed
+from tests.support.studies import OBSERVED_HUNT as HUNT, reader
 
 FIRST = HUNT.partition('target = "hunt"\n')[2].partition("[[")[0].rstrip()
 """What the first transfer reads."""
@@ -180,7 +180,7 @@ def test_ways_of_networks_are_none_into_tables(complaint):
     text = HUNT.replace('type = "observation_task"', 'type = "pursuit"\nsize = 3')
     text = re.sub(r"(?m)^(id|arguments|actions) = .*$", "", text)
     text = text.replace(FIRST.partition("\n")[0], "project = {}", 1)
-    text = text.replace('observations = "tests.hunters:second"', "project = {}")
+    text = text.replace('observations = "tests.support.hunters:second"', "project = {}")
     text = text.replace(DEEP, "")
     sentence = "line 5: shaping must be for tables, to learn hunt: got 'WeightTransfer'"
     assert complaint(text, ('aggregate = "minimum"', 'shaping = "WeightTransfer"')) == sentence

@@ -11,16 +11,16 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import ConfigError, TaskError
+from curricle.pictures.views import GridView
 from curricle.show.plots import draw_potential
 from curricle.show.replay import grid_drawing
-from curricle.show.views import GridView
 from curricle.study.record import ViewRecord
 from curricle.study_file.schema import tags
 from curricle.study_file.task_tables import DOMAIN_TASKS
 from curricle.tasks.domain import Domain
 from curricle.tasks.family import rules_of
-from tests.refusals import check_values
-from tests.studies import only, reader
+from tests.support.refusals import check_values
+from tests.support.studies import only, reader
 
 DOMAINS = {
     "maze": (cr.GridWorld, {"map": "S.FT", "ends": ("treasure",), "start": ((0, 1),)}),
@@ -30,7 +30,6 @@ DOMAINS = {
     "pursuit": (cr.Pursuit, {"size": 2, "predators": 1, "torus": True}),
     "four_rooms": (cr.tasks.FourRooms, {"size": 7, "goal": (5, 5), "start": ((1, 1), (1, 4))}),
     "key_lock_pit": (cr.tasks.KeyLockPit, {"map": "S.KL", "keys_held": True}),
-    "block_dude": (cr.tasks.BlockDude, {"level": "E.B<", "exit_reward": 1.0}),
     "river_swim": (cr.tasks.RiverSwim, {"size": 4, "start": (1,)}),
     "deep_sea": (cr.tasks.DeepSea, {"size": 4, "slip": 0.25, "start": "uniform"}),
 }

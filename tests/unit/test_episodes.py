@@ -12,7 +12,8 @@ from PIL import Image
 
 import curricle as cr
 from curricle.errors import SettingError, StoreError
-from curricle.planning import Episode, rollout
+from curricle.pictures import Episode
+from curricle.planning import rollout
 
 MAZE = cr.GridWorld(["S.#", "..T"])
 WAY = rollout(MAZE, [1, 2, 1, 1, 0])

@@ -7,7 +7,7 @@ import pytest
 
 from curricle import evaluate, solve
 from curricle.tasks import DeepSea, RiverSwim
-from tests.tasks import dense_of
+from tests.support.tasks import dense_of
 
 # -- DeepSea ---------------------------------------------------------------------------------------
 

@@ -1,6 +1,7 @@
 """Families that come with the library, and mappings between members: as data or by a function."""
 
 import pickle
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -12,12 +13,10 @@ from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import (
     ComponentsByName,
     FrozenLake,
-    Parameter,
-    block_dude_family,
+    Rule,
     deep_sea_family,
     four_rooms_family,
     frozen_lake_family,
-    goal_distance,
     key_lock_pit_family,
     maze_family,
     pursuit_family,
@@ -25,7 +24,6 @@ from curricle.tasks import (
     task_family,
     taxi_family,
 )
-from curricle.tasks.block_dude import PARTS, part_of_level
 from curricle.tasks.mdp import generative_model
 from curricle.transfer import (
     ENDED,
@@ -35,10 +33,10 @@ from curricle.transfer import (
     family_mappings,
     identity,
 )
-from tests.refusals import check_refusal
+from tests.support.refusals import check_refusal
 
 
-def line(length: int = 5) -> FiniteMDP:
+def line(length: Annotated[int, Rule(low=2, harder="larger")] = 5) -> FiniteMDP:
     """Return places in a row, the last of them the end."""
     outcomes = [
         [[(1.0, max(s - 1, 0), -1.0)], [(1.0, min(s + 1, length - 1), -1.0)]] for s in range(length)
@@ -53,9 +51,8 @@ def line(length: int = 5) -> FiniteMDP:
     )
 
 
-SIZES = Parameter("length", low=2, harder="larger")
 PLAIN, CLIPPED, SCALED = (
-    task_family(SIZES, name="line", mapping=ComponentsByName(unequal))(line)
+    task_family(name="line", mapping=ComponentsByName(unequal))(line)
     for unequal in ("unmapped", "clip", "scale")
 )
 
@@ -101,17 +98,17 @@ def test_a_family_may_map_by_a_function_of_states_or_make_the_mapping():
     def halved(target, source):
         return lambda state, action: ({"place": state["place"] // 2}, action)
 
-    by_function = task_family(SIZES, name="line", mapping=halved)(line)
+    by_function = task_family(name="line", mapping=halved)(line)
     (mapping,) = family_mappings(by_function(length=6), by_function(length=3))
     assert read(mapping) == [0, 0, 1, 1, ENDED, ENDED]
 
-    mine = task_family(SIZES, mapping=lambda target, source: identity(target.task))(line)
+    mine = task_family(mapping=lambda target, source: identity(target.task))(line)
     member = mine(length=4)
     (mapping,) = family_mappings(member, member)
     assert isinstance(mapping, StateActionMapping)
     assert read(mapping) == [0, 1, 2, ENDED]
 
-    renamed = task_family(SIZES, mapping=ComponentsByName(renaming={"place": "where"}))(line)
+    renamed = task_family(mapping=ComponentsByName(renaming={"place": "where"}))(line)
     with pytest.raises(MappingError, match="must be read from a target component"):
         family_mappings(renamed(length=3), renamed(length=3))
 
@@ -150,7 +147,7 @@ def test_members_that_do_not_fit_are_refused(target, source, said):
     ],
 )
 def test_a_function_that_returns_no_mapping_is_refused(returned, said):
-    family = task_family(SIZES, mapping=lambda target, source: returned)(line)
+    family = task_family(mapping=lambda target, source: returned)(line)
     check_refusal(MappingError, lambda: family_mappings(family(length=3), family(length=3)), said)
 
 
@@ -229,7 +226,6 @@ RELATIVES = {
     "taxi": [{}, {"size": 3, "stands": 2}, 0.9, 0.8],
     "four_rooms": [{"start": "uniform"}, {"size": 9, "slip": 0.1}, 0.9, 0.8],
     "key_lock_pit": [{"size": 8}, {"size": 6}, 0.95, 0.99],
-    "block_dude": [{"columns": 12}, {"columns": 10}, 0.9, 0.9],
     "river_swim": [{"size": 10}, {"size": 6}, 0.9, 0.95],
     "deep_sea": [{"size": 10}, {"size": 6}, 0.99, 0.99],
 }  # fmt: skip
@@ -319,29 +315,6 @@ def test_keys_pits_and_locks_are_read_as_such(size):
     assert smaller.states.label(key // 6) == "row=1 column=1 key=lying lock=locked"
     lock = mapping.index[room.states.encode(row=10, column=10, key=1, lock=0), 5]
     assert smaller.mdp.terminal[smaller.mdp.next_state[smaller.mdp.outcome_row.ravel()[lock], 0]]
-
-
-@pytest.mark.parametrize("level", [1, 3])
-def test_parts_of_levels_are_those_with_a_way_to_the_exit(level):
-    solvable = []
-    for columns in range(2, 20):
-        part = part_of_level(level, columns=columns)
-        task, blocks = part.mdp, sum(line.count("B") for line in part.level)
-        if (
-            blocks
-            and task.terminal.any()
-            and goal_distance(task, task.terminal)[task.start_states[0]] > 0
-        ):
-            solvable.append(columns)
-    assert solvable == [columns for columns in PARTS[level] if columns < 20]
-    members = block_dude_family.easier(block_dude_family(level=level, columns=solvable[-1]))
-    of_level = [member["columns"] for member in members if member["level"] == level]
-    assert of_level == solvable[:-1]
-
-
-def test_a_level_reads_no_more_blocks_than_it_has():
-    with pytest.raises(MappingError, match="a level reads levels with at most its 1 blocks"):
-        family_mappings(block_dude_family(columns=10), block_dude_family())
 
 
 def test_stands_are_read_as_stands():

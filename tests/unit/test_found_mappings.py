@@ -16,18 +16,17 @@ from curricle.transfer import (
     auto_mapping,
     by_homomorphism,
     find_mappings,
-    find_projections,
     fitted_unmapped_value,
     identity,
     score_mapping,
 )
 from curricle.transfer.bisimulation import levels, model_for_refinement, refined
-from curricle.transfer.mapping import ObservationCoverage
+from curricle.transfer.mapping import Coverage
 from curricle.transfer.search import EXPECTILE, fitted_constant
 from curricle.transfer.transfer import mappings_digest, numbered, transfer_words
-from tests.refusals import check_refusal
-from tests.studies import CORNER
-from tests.tasks import mdps, ring
+from tests.support.refusals import check_refusal
+from tests.support.studies import CORNER
+from tests.support.tasks import mdps, ring
 
 
 def test_a_homomorphism_maps_pairs_of_the_same_q_alone():
@@ -130,17 +129,6 @@ def test_a_pair_without_a_counterpart_is_not_judged():
     assert scores.coverage == 0
     assert np.isnan([scores.dynamics_error, scores.bellman_inconsistency, scores.optimistic]).all()
     assert scores.regained == pytest.approx(0)
-
-
-def test_the_projections_of_two_predators_onto_one_are_those_of_the_paper():
-    """Only f_1 and f_2 predict the target without error."""
-    hunt, chase = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
-    projections = find_projections(hunt, chase)
-    for projection, name in zip(projections[:2], hunt.predator_names, strict=True):
-        by_hand = cr.project(hunt, chase, predator=name)
-        np.testing.assert_array_equal(projection.mapping.index, by_hand.index)
-        assert projection.error < 1e-9
-    assert not any(projection.error < 0.1 for projection in projections[2:])  # NaN: no pair maps
 
 
 def test_a_mirrored_maze_is_found_without_names():
@@ -251,7 +239,7 @@ def test_mappings_in_words_and_digests():
     assert numbered(["a", "b", "a"]) == ["a [1]", "b", "a [2]"]
     mappings = identity(LINE), cr.same_position(LINE, LINE)
     assert len({mappings_digest([Transfer("a", "b", mapping)]) for mapping in mappings}) == 1
-    covered = str(ObservationCoverage(200, 0.75, 0.0, 0.25, 0.5))
+    covered = str(Coverage(200, 0.75, 0.0, 0.25, outside=0.5))
     assert covered.startswith("75.0% of the pairs of 200 observations mapped, 0.0% at the source's")
     assert covered.endswith("25.0% unmapped; 50.0% of the counterparts outside the source's space")
 

@@ -10,7 +10,7 @@ import pytest
 import curricle as cr
 from curricle.arrays import adopted, frozen
 from curricle.tasks.spaces import Component, Space
-from tests.tasks import random_mdp
+from tests.support.tasks import random_mdp
 
 MAZE = cr.GridWorld(["S..", ".FT"])
 NEAR = MAZE.crop(rows=(0, 2), columns=(1, 3))

@@ -1,8 +1,13 @@
-"""Study files, names and paths that nobody writes by accident: a sentence, at once."""
+"""Files, names and paths that nobody writes by accident, or that somebody sent.
 
+What they name is not run, links are left, sizes are bounded: each is refused in a sentence.
+"""
+
+import io
 import os
 import sys
 import textwrap
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +16,27 @@ import pytest
 import curricle as cr
 from curricle.checks import unfit_name
 from curricle.cli.app import main
-from curricle.cli.output import graph, print_forecasts, print_table
-from curricle.errors import ConfigError, CurriculumError, MappingError, SettingError
+from curricle.cli.output import LONGEST_EXAMINING, graph, print_forecasts, print_table
+from curricle.comparison.cost import costs
+from curricle.errors import (
+    LONGEST,
+    ConfigError,
+    CurriculumError,
+    LostStoreError,
+    MappingError,
+    SettingError,
+    StoreError,
+    TaskError,
+)
+from curricle.files import opened_archive, place_at, read_npy
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.show.report import render
-from curricle.study import StudyStore, read_study
+from curricle.study import StudyConfig, StudyStore, read_study, run_study
 from curricle.study.arms import Arms, units_of
-from curricle.study.cost import costs
-from tests.studies import MAZE, complaints_of
+from curricle.study.store import LOCK, STUDY, UNITS, locked
+from curricle.study.tuning import TRIALS
+from curricle.study_file.own_code import ALLOW, load
+from tests.support.studies import MAZE, complaints_of
 
 LONG = "x" * 300
 REVERSED = "a\u202eb"
@@ -29,22 +47,26 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize("depth", [60, 400, 5000])
-@pytest.mark.parametrize(("begin", "end"), ["[]", ("{a = ", "}")])
-def test_deep_nesting_is_refused(depth, begin, end):
-    Path("study.toml").write_text(f"{MAZE}\ndeep = {begin * depth}0{end * depth}")
-    with pytest.raises(ConfigError, match="not valid TOML: tables and lists must be at most 50 d"):
+TOO_DEEP = "tables and lists must be at most 50 deep"
+DEEP = [
+    (f"{begin * depth}0{end * depth}", TOO_DEEP)
+    for depth in (60, 5000)
+    for begin, end in ("[]", ("{a = ", "}"))
+]
+LARGE = [("1" + "0" * 5000, "4300 digits"), ("0x1" + "0" * 5000, "4,096 bits")]
+
+
+@pytest.mark.parametrize(("value", "words"), [*DEEP, *LARGE], ids=lambda _: "")
+def test_deep_nesting_and_numbers_of_thousands_of_digits_are_refused(value, words):
+    Path("study.toml").write_text(f"{MAZE}\nbudget = {value}")
+    with pytest.raises(ConfigError, match=f"not valid TOML: .*{words}"):
         read_study("study.toml")
+
+
+def test_a_deep_setting_is_refused():
     Path("study.toml").write_text(MAZE)
     with pytest.raises(ConfigError, match="a setting must be key=value"):
-        read_study("study.toml", set=[".".join(["a"] * depth) + "=1"])
-
-
-@pytest.mark.parametrize("number", ["1" + "0" * 5000, "0x1" + "0" * 5000])
-def test_numbers_of_thousands_of_digits_are_refused(number):
-    Path("study.toml").write_text(f"{MAZE}\nbudget = {number}")
-    with pytest.raises(ConfigError, match="whole numbers must have at most 4,096 bits"):
-        read_study("study.toml")
+        read_study("study.toml", set=[".".join(["a"] * 5000) + "=1"])
 
 
 @pytest.mark.parametrize("place", ["study", "map"])
@@ -127,12 +149,8 @@ def test_units_of_many_seeds_are_made_at_once():
         ["new", "maze", LONG],
         ["check", LONG],
         ["run", "study.toml", "--out", LONG],
-        ["run", "study.toml", "--out", f"a/{LONG}/b"],
         ["run", "study.toml", "--dry-run", "--out", LONG],
         ["show", LONG],
-        ["report", LONG],
-        ["compare", LONG],
-        ["merge", "there", LONG],
         ["paper", "--figure", "1", "--out", LONG],
     ],
 )
@@ -155,7 +173,7 @@ def test_what_a_killed_run_left_is_swept_in_every_folder(tmp_path):
             (tmp_path / "out" / folder / ".0123456789abcdef.part").write_bytes(b"half")
         (tmp_path / "out" / ".link.part").symlink_to(tmp_path)
         with StudyStore.opened(tmp_path / "out", {"seeds": 2}, resume=True) as store:
-            store.write_json("claims.json", [])
+            store.write("claims.json", b"[]")
         assert not list((tmp_path / "out").rglob("*.part")), resume
 
 
@@ -173,32 +191,166 @@ def test_a_preview_of_a_target_too_large_to_count():
         curriculum.transfers[0].mapping.coverage()
 
 
-def test_a_forecast_that_solves_an_enormous_source_is_not_begun(capsys, monkeypatch):
-    monkeypatch.setattr("curricle.cli.output.LONGEST_COMPARING", 5.0)
-    maze = "tasks.{} = {{ type = 'maze', map = '{}', discount = 0.99, time_limit = 9, budget = 9 }}"
-    mazes = [maze.format("far", f"S{300_000 * '.'}T"), maze.format("near", "S..T")]
-    edge = "transfers = [{ source = 'far', target = 'near', mapping = 'same_position' }]"
-    Path("study.toml").write_text("\n".join(["name = 'far'", *mazes, edge]))
+ENORMOUS = f"""
+name = 'far'
+tasks.far = {{ type = 'maze', map = 'S{300_000 * "."}T', discount = 0.99, budget = 9 }}
+tasks.near = {{ type = 'maze', map = 'S..T', discount = 0.99, time_limit = 9, budget = 9 }}
+transfers = [{{ source = 'far', target = 'near', mapping = 'same_position' }}]
+"""
+ENDLESS = """
+name = "endless"
+seeds = 2
+scratch = false
+learner = { type = "deep" }
+tasks.one = { type = "observation_task", id = "CartPole-v1", budget = 10 }
+tasks.all.arguments.max_episode_steps = 1_000_000_000
+tasks.all.budget = 10
+tasks.all.id = "CartPole-v1"
+tasks.all.type = "observation_task"
+transfers = [{ source = "one", target = "all", mapping = "identity" }]
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "target", "most"), [(ENORMOUS, "near", 5.0), (ENDLESS, "all", LONGEST_EXAMINING)]
+)
+def test_a_forecast_that_would_take_too_long_is_not_begun(text, target, most, capsys, monkeypatch):
+    monkeypatch.setattr("curricle.cli.output.LONGEST_EXAMINING", most)
+    Path("study.toml").write_text(text)
     study = read_study("study.toml")
     arms = Arms.of(study)
-    print_forecasts(study, arms, costs(study, arms), whole=False)
-    assert "no forecast: to compare the potentials in near could take" in capsys.readouterr().out
+    print_forecasts(study, arms, costs(arms, units_of(study, arms, {})), whole=False)
+    out = capsys.readouterr().out
+    assert f"no forecast: to examine its sources and {target} could take" in out
 
 
-def test_a_forecast_of_endless_rollouts_is_not_begun(capsys):
-    text = textwrap.dedent("""
-        name = "endless"
-        seeds = 2
-        scratch = false
-        learner = { type = "deep" }
-        tasks.one = { type = "observation_task", id = "CartPole-v1", budget = 10 }
-        tasks.all = { type = "observation_task", id = "CartPole-v1", budget = 10 }
-        transfers = [{ source = "one", target = "all", mapping = "identity" }]
-    """)
-    Path("study.toml").write_text(text)
-    study = read_study(
-        "study.toml", set=["tasks.all.arguments={ max_episode_steps = 1_000_000_000 }"]
+# -- what a file or a folder names -----------------------------------------------------------------
+
+
+def test_pythons_own_library_is_refused(tmp_path, monkeypatch):
+    made = tmp_path / "made"
+    task = f"type = 'factory', factory = 'os:system', arguments = {{ command = 'touch {made}' }}"
+    Path("study.toml").write_text(f"name = 'x'\ntasks.t = {{ {task} }}\n")
+    for allowed in ("", "os,subprocess,builtins,posix"):
+        monkeypatch.setenv(ALLOW, allowed)
+        for name in ("os:system", "subprocess:run", "builtins:exec", "posix:system"):
+            with pytest.raises(ConfigError, match="which can run any command, is refused"):
+                load(name, tmp_path)
+        with pytest.raises(ConfigError, match="is refused"):
+            _ = read_study("study.toml").curricula
+    assert not made.exists()
+
+
+def test_an_installed_package_is_named_where_it_is_allowed(tmp_path, monkeypatch):
+    monkeypatch.setenv(ALLOW, "nump,numpy.linal")
+    for name in ("numpy:save", "numpy.linalg:norm", "curricle.files:write_whole", "__main__:x"):
+        with pytest.raises(ConfigError, match=rf"set {ALLOW}=\w+ if you trust the file with it"):
+            load(name, tmp_path)
+    monkeypatch.setenv(ALLOW, "mine, numpy.linalg")
+    assert load("numpy.linalg:norm", tmp_path) is np.linalg.norm
+    with pytest.raises(ConfigError, match="numpy is not beside it"):
+        load("numpy:save", tmp_path)
+    (tmp_path / "numpy.py").write_text("def save(): return 'mine'")
+    assert load("numpy:save", tmp_path)() == "mine"
+
+
+def test_a_lock_that_is_a_link_is_not_followed(tmp_path):
+    precious = tmp_path / "precious.txt"
+    precious.write_text("words")
+    (tmp_path / "sent").mkdir()
+    (tmp_path / "sent" / LOCK).symlink_to(precious)
+    with pytest.raises(StoreError, match=r"its \.lock must be no link"), locked(tmp_path / "sent"):
+        pass
+    assert precious.read_text() == "words"
+
+
+@pytest.mark.parametrize("place", [UNITS, f"{UNITS}/maze-1", TRIALS])
+def test_a_folder_that_is_a_link_is_not_written_to(place, tmp_path):
+    (tmp_path / "precious" / "mine").mkdir(parents=True)
+    for name in ("a.npz", "mine/a.npz"):
+        (tmp_path / "precious" / name).write_text("words")
+    link = tmp_path / "sent" / place
+    link.parent.mkdir(parents=True)
+    link.symlink_to(tmp_path / "precious")
+    (tmp_path / "sent" / STUDY).write_text("{}")
+    opened = StudyStore.opened(tmp_path / "sent", {}, resume=True)
+    with pytest.raises(StoreError, match=f"must be no links: delete {link}"), opened:
+        pass
+    assert len([*(tmp_path / "precious").rglob("*.npz")]) == 2
+
+
+@pytest.mark.parametrize(
+    ("stored", "why"), [(0, "No such file or directory"), (2, "holds a study.json: .* has none")]
+)
+def test_a_folder_that_is_moved_while_a_run_writes_ends_it(stored, why, tmp_path):
+    maze = {"type": "maze", "map": "S.T", "budget": 200}
+    arms = {"transfer": {"tasks": {"maze": maze}}}
+    study = StudyConfig.from_data(
+        {"name": "line", "seeds": [0, 1], "arms": arms, "opponents": []}, tmp_path
     )
-    arms = Arms.of(study)
-    print_forecasts(study, arms, costs(study, arms), whole=False)
-    assert "no forecast: to compare the potentials in all could take" in capsys.readouterr().out
+    folder = tmp_path / "results"
+
+    def move(_):
+        if len([*folder.rglob("*.npz")]) == stored:
+            folder.rename(tmp_path / "moved")
+
+    with pytest.raises(LostStoreError, match=why):
+        run_study(study, folder, progress=move, workers=1)
+    assert not folder.exists()
+
+
+# -- sizes -----------------------------------------------------------------------------------------
+
+
+def test_a_file_of_holes_is_not_read(tmp_path):
+    path, size = tmp_path / "unit.npz", 2**28
+    with zipfile.ZipFile(path, "w") as archive:
+        array = io.BytesIO()
+        np.save(array, np.zeros(2**10))
+        archive.writestr("steps.npy", array.getvalue())
+    with path.open("r+b") as file:
+        os.truncate(file.fileno(), size)
+    refused = pytest.raises(ValueError, match="most are not on the disk")
+    with refused, opened_archive(path, whole=True):
+        pass
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["{'descr': '|O', 'fortran_order': False, 'shape': (1,)}", "(" * 3000, "{[]: 1}", "'\\N'",
+     "{'descr': '<f8', 'fortran_order': False, 'shape': (-1, -1)}", "9" * 5000,
+     "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (1,)}"],
+)  # fmt: skip
+def test_headers_of_arrays_that_make_no_sense_are_refused(header):
+    content = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(8)
+    with pytest.raises(ValueError, match=r"its arrays|must be valid|does not fill"):
+        read_npy(io.BytesIO(content), len(content))
+
+
+# -- messages --------------------------------------------------------------------------------------
+
+
+def test_messages_are_one_sentence_that_ends_with_its_end():
+    text = str(TaskError("a map must be text:\n got " + "x" * 10**6 + "; write it so"))
+    assert "\n" not in text
+    assert len(text) == LONGEST
+    assert text.endswith("; write it so")
+    lines = str(ConfigError("\n".join(["x" * 9000] * 300))).splitlines()
+    assert len(lines) == 101
+    assert max(map(len, lines)) == LONGEST
+    assert lines[-1] == "and 200 more"
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "s3://bucket/a?endpoint_override=http%3A%2F%2Fme%3Ahidden%40host",
+        "s3://bucket/a?endpoint_override=me:hidden@host",
+        "s3://me:hidden@bucket/a",
+    ],
+)
+def test_passwords_are_not_repeated(url):
+    with pytest.raises(StoreError, match="must have no password") as caught:
+        place_at(url)
+    assert "hidden" not in str(caught.value)
+    assert "hidden" not in str(StoreError("cannot be written to https:/me:hidden@host/x.html"))

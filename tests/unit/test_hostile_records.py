@@ -5,7 +5,8 @@ import os
 import pytest
 
 from curricle.show.report import write_report
-from tests.sent_folders import a_unit, change, read_all, refuses
+from curricle.study.record import OF_CONFIGURATION
+from tests.support.sent_folders import a_unit, change, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -42,10 +43,7 @@ def test_what_is_no_file_is_not_waited_for(folder, name, kind):
 def test_other_json_is_refused(folder, name, text):
     path = place_of(folder, name)
     path.write_text(text, encoding="latin-1")
-    if (name, text) == ("runs.json", "[]"):
-        read_all(folder)
-    else:
-        refuses(folder, name.replace(".", r"\."))
+    refuses(folder, name.replace(".", r"\."))
 
 
 def nested(depth):
@@ -70,7 +68,8 @@ CHANGES = {
 @pytest.mark.parametrize("label", CHANGES)
 def test_a_record_of_another_form_is_refused(folder, label):
     key, value = CHANGES[label]
-    change(folder / "study.json", lambda study: study["record"].update({key: value}))
+    part = "configuration" if key in OF_CONFIGURATION else "plan"
+    change(folder / "study.json", lambda study: study[part].update({key: value}))
     refuses(folder, r"study\.json is not as Curricle writes it: ")
 
 
@@ -78,11 +77,34 @@ def test_an_arm_that_does_not_say_whether_it_knows_the_target_is_refused(folder)
     """Records that are older than this field would be read as if nothing had been found."""
 
     def older(study):
-        for arm in study["record"]["arms"].values():
+        for arm in study["plan"]["arms"].values():
             del arm["knows_target"]
 
     change(folder / "study.json", older)
     refuses(folder, r"study\.json is not as Curricle writes it: .*knows_target")
+
+
+@pytest.mark.parametrize("what", ["study", "arm", "task"])
+def test_names_that_a_study_file_cannot_have_are_refused(folder, what):
+    bad = "clear\x1b[2J"
+
+    def renamed(names):
+        return {bad if name in ("transfer", "maze") else name: x for name, x in names.items()}
+
+    def edit(study):
+        if what == "study":
+            study["configuration"]["name"] = bad
+        elif what == "arm":
+            study["plan"]["arms"] = renamed(study["plan"]["arms"])
+        else:
+            study["plan"]["target"] = bad
+            for arm in study["plan"]["arms"].values():
+                arm["nodes"] = renamed(arm["nodes"])
+                for edge in arm["transfers"]:
+                    edge["target"] = bad
+
+    change(folder / "study.json", edit)
+    refuses(folder, r"study\.json is not as Curricle writes it: .*must be printable")
 
 
 VIEWS = {
@@ -100,7 +122,7 @@ VIEWS = {
 @pytest.mark.parametrize("key", VIEWS)
 def test_a_view_that_does_not_fit_is_refused(folder, key):
     def edit(study):
-        for task in study["record"]["tasks"]:
+        for task in study["plan"]["tasks"]:
             task["view"][key] = VIEWS[key]
 
     change(folder / "study.json", edit)
@@ -117,17 +139,17 @@ def test_an_analysis_that_does_not_fit_is_refused_or_left_out(folder):
     assert "predicted start" not in write_report(folder).read_text()
     change(folder / "analysis.json", lambda found: found["sections"][0].update(arms=[]))
     refuses(folder, r"analysis\.json is not as .*certificates must be of the section's arms")
-    change(folder / "analysis.json", lambda found: found["sections"][0].update(forecast=3))
-    refuses(folder, r"analysis\.json is not as Curricle writes it: sections\.0\.forecast")
+    change(folder / "analysis.json", lambda found: found["sections"][0].update(certificates=3))
+    refuses(folder, r"analysis\.json is not as Curricle writes it: sections\.0\.certificates")
 
 
 def test_names_are_text_in_a_page(folder):
     bad = "</script><script>alert(1)</script>"
 
     def edit(study):
-        study["record"]["name"] = bad
-        study["record"]["tasks"][0]["text"] = bad
-        study["record"]["arms"]["transfer"]["transfers"][0]["words"] = bad
+        study["configuration"]["name"] = bad
+        study["plan"]["tasks"][0]["text"] = bad
+        study["plan"]["arms"]["transfer"]["transfers"][0]["words"] = bad
 
     change(folder / "study.json", edit)
     assert bad not in write_report(folder).read_text()

@@ -20,7 +20,7 @@ from curricle.statistics.intervals import (
     mean_interval,
     paired_difference,
 )
-from tests.refusals import check_values
+from tests.support.refusals import check_values
 
 NAN, INF = np.nan, np.inf
 BOTH = pytest.mark.parametrize("interval_of", [mean_interval, interquartile_interval])

@@ -130,11 +130,10 @@ def test_without_a_folder_to_write_to_loops_are_compiled_in_each_process(copied)
 
 
 def test_every_file_with_compiled_code_counts():
-    """A file of compiled code in another package would not make machine code stale."""
+    """A file of compiled code without a mark would not make machine code stale."""
     marks = ("inlined", "compiled_once", "njit", "body(", "compiled_as")
     for file in PACKAGE.rglob("*.py"):
         text = file.read_text()
         lines = [line for line in text.splitlines() if line.startswith("@")]
         if any(mark in line for mark in marks for line in lines):
-            assert file.relative_to(PACKAGE).parts[0] in kernel.PACKAGES, file
             assert any(mark.decode() in text for mark in kernel.MARKS), file

@@ -3,7 +3,6 @@
 import numpy as np
 
 import curricle as cr
-from curricle.learning import linear
 
 LINE = cr.GridWorld("S..T")
 ARRAYS = ("values", "steps", "training_return", "greedy_return", "episodes", "steps_used")
@@ -77,16 +76,6 @@ def test_each_seed_may_have_its_own_potential():
     ):
         result = cr.learn(LINE, frozen, 10, seeds=2, shaping=shaping)
         assert result.values[:, 0, 0].tolist() == expected
-
-
-def test_advice_is_acted_on_and_not_part_of_the_values():
-    advice = cr.DecayingAdvice(np.full((4, 4), 5.0), weight=linear(1.0, 0.5, steps=10))
-    result = cr.learn(
-        LINE, cr.SARSA(learning_rate=0), 25, shaping=advice, eval_freq=10, snapshots=9
-    )
-    assert (result.values == 0).all()
-    assert result.snapshots.steps.tolist() == [0, 10, 20, 25]
-    assert result.snapshots.values[:, 0, 0].tolist() == [5.0, 2.5, 2.5, 2.5]
 
 
 def test_one_shaping_of_all_seeds_makes_one_potential(monkeypatch):

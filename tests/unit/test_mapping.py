@@ -30,8 +30,8 @@ from curricle.transfer import (
     identity,
     relative_objects,
 )
-from tests.refusals import check_refusal
-from tests.studies import CORNER, only
+from tests.support.refusals import check_refusal
+from tests.support.studies import CORNER, only
 
 LINE = GridWorld("S..T")
 END = LINE.crop(rows=(0, 1), columns=(2, 4))
@@ -156,7 +156,7 @@ def test_observations_of_one_shape_are_left_as_they_are():
     assert mapping.is_identity
     assert mapping.source == slow
     assert identity(slow).target == slow
-    assert "as they are" in Transfer("slow", "fast", mapping)._repr_html_()
+    assert "as they are" in repr(mapping)
 
 
 def test_dicts_of_observations_must_have_the_same_keys():

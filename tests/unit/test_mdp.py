@@ -7,7 +7,7 @@ import pytest
 import curricle as cr
 from curricle import FiniteMDP, GridWorld
 from curricle.errors import TaskError
-from tests.tasks import dense_of
+from tests.support.tasks import dense_of
 
 P = np.array(
     [[[0.5, 0.5, 0.0], [0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [0.0, 0.25, 0.75]], np.eye(3)[[2, 2]]]

@@ -10,9 +10,9 @@ from curricle.errors import SettingError
 from curricle.learning import OptimisticQLearning, value_bounds
 from curricle.study import run_study
 from curricle.study.arms import Arms
-from tests.comparisons import HERE, MAZE, copied, corner, pursuit
-from tests.studies import CORNER as WITHOUT, reader
-from tests.tasks import ring
+from tests.support.comparisons import HERE, MAZE, copied, corner, pursuit
+from tests.support.studies import CORNER as WITHOUT, reader
+from tests.support.tasks import ring
 
 OF_PHI = [f"transfer, {label}" for label in CONSTANTS]
 
@@ -80,11 +80,11 @@ def test_bounds_and_the_optimistic_learner_are_learners_from_scratch_bit_for_bit
 
 
 def test_arms_with_one_potential_share_their_constants(calls):
-    arms = {"start": corner(), "advice": corner(shaping=cr.DecayingAdvice())}
+    arms = {"start": corner(), "bonus": corner(shaping=cr.RewardBonus())}
     comparison = compare(arms, seeds=1, opponents=["constant"])
-    assert comparison.opponents("advice") == (
+    assert comparison.opponents("bonus") == (
         "scratch",
-        *(f"advice, {label}" for label in CONSTANTS),
+        *(f"bonus, {label}" for label in CONSTANTS),
     )
     assert len(calls) == 1 + 1 + 2 + 3  # scratch, the corner, two arms, three constants
     for label in CONSTANTS:

@@ -7,8 +7,8 @@ import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning import OptimisticQLearning, harmonic, value_bounds
 from curricle.learning.storage import Storage
-from tests.refusals import check_values
-from tests.tasks import ring, ring_by_tables
+from tests.support.refusals import check_values
+from tests.support.tasks import ring, ring_by_tables
 
 
 def test_bounds_count_rewards_of_ends_once():
@@ -52,7 +52,6 @@ def test_settings_out_of_range_are_refused():
 PAIRS = np.zeros((3, 4))
 REFUSED = [
     ({"shaping": cr.StateShaping(np.zeros(3))}, "by QInitialisation or LookAheadAdvice alone"),
-    ({"shaping": cr.DecayingAdvice(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
     ({"shaping": cr.RewardBonus(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
     ({"shaping": cr.QInitialisation(PAIRS, portfolio=cr.Portfolio())}, "takes no portfolio"),
     ({"storage": Storage(kind="sparse")}, "sparse tables are for QLearning"),

@@ -17,8 +17,8 @@ from curricle.cli.app import app
 from curricle.comparison.verdicts import NO_MORE, Reason, Verdict, not_known, too_few_seeds
 from curricle.statistics import Interval
 from curricle.transfer.transfer import FOUND
-from tests.pages import Command, blocks, commands_of
-from tests.walk import Ended, faults, walk
+from tests.support.pages import Command, blocks, commands_of
+from tests.support.walk import Ended, faults, walk
 
 ROOT = Path(__file__).parents[2]
 USAGE_ERROR = typer.BadParameter.__base__  # Click's, which Typer may bring along as its own

@@ -70,7 +70,7 @@ def test_gains_are_those_of_a_comparison(folders):
 def test_the_tables_say_what_pays_and_whether_the_forecasts_were_right(folders, tmp_path, capsys):
     stored = str(folders / "pairs/stock")
     played = tables.Played(stored)
-    foreseen = {played.name: {arm: (*played.gain(arm), False) for arm in ARMS}}
+    foreseen = {played.name: {arm: played.gain(arm) for arm in ARMS}}
     file = tmp_path / "forecasts.json"
     file.write_text(json.dumps(foreseen))
     tables.main(["gains", stored, "--beside", str(folders / "raw"), "--forecasts", str(file)])

@@ -10,10 +10,10 @@ from PIL import Image
 import curricle as cr
 from curricle.errors import StoreError
 from curricle.learning import TabularPolicy
-from curricle.show.scenes import scene_of
+from curricle.pictures.scenes import scene_of
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.analysis import played_episode, stored_episode
-from tests.sent_folders import change
+from tests.support.sent_folders import change
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -135,7 +135,7 @@ def hall(folder):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        ([], 2, "--arm must be one of chain, state, calibrated: got none"),
+        ([], 2, "--arm must be one of chain, state, scaled: got none"),
         (["--set", "tasks.maze.budget=5", "--arm", "chain"], 2, "--set needs --study"),
         (["--arm", "chain", "--task", "no"], 1, "of arm 'chain' must be one of .*: got 'no'"),
         (["--arm", "chain", "--seed", "2"], 1, "an episode of seed 0 alone: got seed 2; --study"),

@@ -9,13 +9,7 @@ import pytest
 import curricle as cr
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
-SHAPINGS = [
-    cr.QInitialisation,
-    cr.LookAheadAdvice,
-    cr.LookBackAdvice,
-    cr.RewardBonus,
-    cr.DecayingAdvice,
-]
+SHAPINGS = [cr.QInitialisation, cr.LookAheadAdvice, cr.RewardBonus]
 
 
 def small_maze(**rules):

@@ -8,7 +8,6 @@ from benchmarks.published import __main__ as tables, depth, teachers
 from curricle.study import audit, read_study
 from curricle.study.auditing import CONFIGURED, FAIR
 from curricle.tasks import goal_distance
-from curricle.teaching import Episode, Learnability, ReverseCurriculum
 
 
 def test_the_mazes_of_rutherford():
@@ -36,24 +35,11 @@ def test_the_nearest_levels_come_first():
     assert every.mdp.start.sum() == pytest.approx(1.0)
 
 
-def test_a_teacher_leaves_the_last_task_to_the_evaluation():
-    of_tasks = teachers.ButLast(Learnability(rho=0.0))
-    assert of_tasks.uses_goal
-    memory = of_tasks.start(4)
-    np.testing.assert_allclose(of_tasks.probabilities(memory), [1 / 3, 1 / 3, 1 / 3, 0])
-    episode = Episode(0, np.ones(1), np.ones(1), True, 0.9)
-    outward = teachers.ButLast(ReverseCurriculum(replay=0.0))
-    memory = outward.update(outward.start(4), episode)
-    np.testing.assert_allclose(outward.probabilities(memory), [0, 1, 0, 0])
-
-
 def test_the_rings_hold_every_start_of_the_spiral():
     study = read_study(tables.CLAIMS["starts"])
     target = study.curricula["rings of starts"].tasks["target"]
     assert int(goal_distance(target).max()) == 59
-    *near, last = teachers.rings(target).values()
-    assert last is target
-    covered = np.sum([task.mdp.start > 0 for task in near], axis=0)
+    covered = np.sum([task.mdp.start > 0 for task in teachers.rings(target).values()], axis=0)
     np.testing.assert_array_equal(covered, target.mdp.start > 0)
     # a corridor four cells wide: no way is shorter than its length in cells of the published maze
     assert cr.solve(target).start_value == pytest.approx(0.864, abs=0.001)

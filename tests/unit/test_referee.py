@@ -24,7 +24,7 @@ SLOW = {"DoorKey": pytest.mark.slow}
 def test_a_domains_targets_have_the_same_trials(name):
     file, development, judged = DOMAINS[name]
     studies = [case.study(file) for case in (development[0], *judged[:3])]
-    trials = [study.of_trials() for study in studies]
+    trials = [study.trials for study in studies]
     assert all(study.curricula for study in studies)
     assert len({tuple(of.variants) for of in trials}) == 1
     # Source steps are tuned as a share of the target's.
@@ -44,7 +44,7 @@ def keys(case):
 
 def trials_won_by(study, wins):
     """Return trials in which these win, of arms that the others lose."""
-    variants = study.of_trials().variants
+    variants = study.trials.variants
     returns = {label: np.array([float(label in wins)]) for label in variants}
     return SimpleNamespace(
         comparison=SimpleNamespace(returns=returns),
@@ -56,7 +56,7 @@ def test_the_best_trial_of_development_is_played_on_the_judged_target():
     wins = {f"{arm}, trial {n}" for arm, n in (("scratch", 3), ("half size", 5))}
     small, large = keys("development"), keys("judged")
     study = tuned_study(large, trials_won_by(small, wins))
-    there, here = small.of_trials().variants, large.of_trials().variants
+    there, here = small.trials.variants, large.trials.variants
     tuned = study.tuned.arms
     assert tuned[SCRATCH].values == there["scratch, trial 3"].values
     assert tuned["half size"].values == here["half size, trial 5"].values

@@ -1,12 +1,15 @@
-"""Single episodes."""
+"""Single episodes, and random ones."""
 
 import numpy as np
 import pytest
 
 import curricle as cr
 from curricle import FiniteMDP, GridWorld
+from curricle.errors import SettingError
 from curricle.planning import rollout, rollouts
 from curricle.planning.rollouts import random_rollouts
+from tests.support.certificates import MAZE
+from tests.support.refusals import check_refusal
 
 LINE = GridWorld("S..T", discount=0.5)
 
@@ -85,3 +88,38 @@ def test_a_long_episode_is_simulated_in_pieces(monkeypatch):
         assert episode.states.tolist() == expected.states.tolist()
         assert episode.rewards.tolist() == expected.rewards.tolist()
         assert episode.terminated == expected.terminated
+
+
+def test_rollouts_follow_the_task():
+    rollouts = random_rollouts(MAZE, episodes=200, length=60, seed=3)
+    mdp, taken = MAZE.mdp, rollouts.taken
+    here, after = rollouts.states[:, :-1][taken], rollouts.states[:, 1:][taken]
+    row = mdp.outcome_row[here, rollouts.actions[taken]]
+    np.testing.assert_array_equal(mdp.next_state[row, 0], after)
+    assert not mdp.terminal[here].any()
+    np.testing.assert_array_equal(mdp.terminal[rollouts.states[:, -1]], rollouts.terminated)
+    np.testing.assert_array_equal(rollouts.ending.sum(axis=1), rollouts.terminated)
+    assert 0 < rollouts.terminated.sum() < 200 or rollouts.terminated.all()
+    assert (rollouts.length[~rollouts.terminated] == 60).all()
+    # Every action is as likely: 4 standard deviations, one false alarm in 4,000 streams.
+    n = taken.sum()
+    counts = np.bincount(rollouts.actions[taken], minlength=4)
+    assert abs(counts / n - 0.25).max() < 4 * np.sqrt(0.25 * 0.75 / n)
+    # What the task does does not depend on the draw of the action: within 5 standard deviations.
+    chase = cr.Pursuit(size=9, predators=1)
+    rollouts = random_rollouts(chase, episodes=400, length=50)
+    first, then = (chase.states.decode(rollouts.states[:, i])["prey"] for i in (0, 1))
+    joint = np.zeros((5, 5))
+    moved = [0, -9, 1, 9, -1]
+    inside = np.isin(first // 9, range(1, 8)) & np.isin(first % 9, range(1, 8))
+    for prey, move in enumerate(moved):
+        joint[:, prey] = np.bincount(
+            rollouts.actions[inside & (then - first == move), 0], minlength=5
+        )  # fmt: skip
+    assert joint.sum() == inside.sum()
+    assert abs(joint - joint.sum() / 25).max() < 5 * np.sqrt(joint.sum() / 25)
+
+
+def test_bad_rollouts_are_refused_in_one_sentence():
+    says = "length of a random rollout in steps must be"
+    check_refusal(SettingError, lambda: random_rollouts(MAZE, episodes=2, length=0), says)

@@ -7,7 +7,7 @@ import pytest
 
 from curricle import project, solve
 from curricle.tasks import FourRooms, KeyLockPit
-from curricle.tasks.mdp import reachable_states
+from curricle.tasks.graph import reachable_states
 
 # -- four rooms ------------------------------------------------------------------------------------
 

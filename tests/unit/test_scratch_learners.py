@@ -11,8 +11,16 @@ from curricle.study import StudyConfig, run_study
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms
 from curricle.study.record import StudyRecord, plain, read_record
-from tests.comparisons import MAZE, alone as compare, assert_same, copied, corner, flat, pursuit
-from tests.studies import CORNER, reader
+from tests.support.comparisons import (
+    MAZE,
+    alone as compare,
+    assert_same,
+    copied,
+    corner,
+    flat,
+    pursuit,
+)
+from tests.support.studies import CORNER, reader
 
 FURTHER = """
 [scratch_learners.optimistic]
@@ -171,9 +179,9 @@ def test_arms_that_were_there_before_are_the_same_bit_for_bit():
 
 
 def test_the_shaping_of_a_target_does_not_change_what_others_learn_from_scratch(calls):
-    """Without sources there is nothing to shape; look-back advice is for SARSA alone."""
-    plan = corner(learner={"maze": SARSA()}, shaping={"maze": cr.LookBackAdvice()})
-    compare(plan, seeds=1, scratch=[QLearning()])
+    """Without sources there is nothing to shape; state shaping is not for the optimist."""
+    plan = corner(shaping={"maze": cr.StateShaping()})
+    compare(plan, seeds=1, scratch=[cr.learning.OptimisticQLearning()])
     assert calls[1]["shaping"] == []
 
 

@@ -9,16 +9,16 @@ import pytest
 
 import curricle as cr
 from curricle import FiniteMDP, GridWorld, Pursuit, same_position
-from curricle.design import SourceCandidate, source_candidates
-from curricle.design.candidates import KINDS
+from curricle.candidates import SourceCandidate, source_candidates
+from curricle.candidates.candidates import KINDS
 from curricle.errors import CurriculumError, TaskError
 from curricle.paper.mazes import maze as paper_maze
 from curricle.tasks.start_states import goal_states
 from curricle.transfer import family_mappings
 from curricle.transfer.mapping import UNMAPPED, terminal_states
-from tests.refusals import cases, check_refusal, check_values
-from tests.renumbering import renumbered
-from tests.tasks import ring
+from tests.support.refusals import cases, check_refusal, check_values
+from tests.support.renumbering import renumbered
+from tests.support.tasks import ring
 
 MAZE = paper_maze(-5.0)
 CORRIDOR = GridWorld("S....T")
@@ -124,7 +124,7 @@ def test_a_maze_without_a_discount_has_candidates():
     visits = cr.planning.visit_distribution(line)
     np.testing.assert_allclose(visits, [2 / 3, 1 / 3, 0])
     maze = cr.GridWorld(["S...", "....", "...T"], discount=1.0)
-    assert cr.design.source_candidates(maze).candidates
+    assert cr.candidates.source_candidates(maze).candidates
 
 
 def test_penalties_are_rewards_below_those_of_most_steps():

@@ -8,7 +8,7 @@ from scipy.sparse import coo_array, csc_matrix, csr_array, csr_matrix, diags_arr
 
 import curricle as cr
 from curricle.errors import TaskError
-from tests.tasks import dense_of, random_mdp, with_masks
+from tests.support.tasks import dense_of, random_mdp, with_masks
 
 FORMS = [csr_array, csr_matrix, csc_matrix, coo_array, lil_array, np.asarray]
 

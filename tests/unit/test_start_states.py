@@ -7,9 +7,9 @@ import pytest
 
 import curricle as cr
 from curricle.errors import TaskError
+from curricle.pictures.views import GridView
 from curricle.planning import visit_distribution
-from curricle.show.views import GridView
-from curricle.tasks.mdp import reachable_states
+from curricle.tasks.graph import reachable_states
 from curricle.tasks.start_states import TaskWithStart, goal_states
 
 MAZE = cr.GridWorld(["S..P", ".#.T", "...."])
@@ -110,7 +110,7 @@ def test_goals_are_treasures_or_named_by_components():
     assert np.flatnonzero(goal_states(lake)).tolist() == [15]
     assert (
         goal_states(cr.tasks.CliffWalking()).tolist()
-        == cr.tasks.CliffWalking().goal_states.tolist()
+        == cr.tasks.CliffWalking().grid.holds("G").tolist()
     )
     opened = np.flatnonzero(goal_states(cr.tasks.KeyLockPit.room(5)))
     assert [cr.tasks.KeyLockPit.room(5).states.label(s) for s in opened] == [
@@ -144,7 +144,7 @@ def test_it_is_learnt_solved_and_drawn():
 
 
 def test_a_task_with_another_start_is_evaluated_and_compared():
-    near = cr.tasks.with_start(cr.tasks.DeepSea(4), cr.tasks.GoalDistance(1))
+    near = cr.tasks.with_start(cr.tasks.DeepSea(4), visit_distribution(cr.tasks.DeepSea(4)))
     assert isinstance(near, TaskWithStart)
     assert cr.planning.GreedyEvaluation().discount(near) == near.mdp.discount
     alone = cr.Curriculum({"near": near}, budget={"near": 200})

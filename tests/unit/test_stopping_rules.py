@@ -9,7 +9,7 @@ from hypothesis import example, given, strategies as st
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning.stopping import stops
-from tests.refusals import check_values
+from tests.support.refusals import check_values
 
 MAZE = cr.GridWorld(["S...", "..P.", "...T"])
 LEARNERS = [(cr.QLearning(), None), (cr.QLearning(), cr.Portfolio()), (cr.SARSA(), None)]

@@ -10,7 +10,7 @@ from curricle import GreedyEvaluation, QLearning, Storage
 from curricle.errors import SettingError
 from curricle.learning import SparseValues
 from curricle.transfer.potential import mapped_potential
-from tests.refusals import check_values
+from tests.support.refusals import check_values
 
 # By their tables, which share compiled loops with other tests.
 CHASE, HUNT = cr.Pursuit(3, 1).mdp, cr.Pursuit(3, 2, time_limit=40).mdp

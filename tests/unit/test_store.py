@@ -1,19 +1,20 @@
-"""The results store: whole files of one description, in blocks of seeds whenever units ended."""
+"""The results store: whole files of one description, one for each unit."""
 
+import re
 import shutil
+import subprocess
+import sys
 
-import numpy as np
 import pytest
 
 from curricle.errors import StoreError
 from curricle.files import sealed
-from curricle.study import StudyResults, StudyStore, read_study, run_study, store
-from curricle.study.analysis import study_record
-from curricle.study.arms import Arms
-from curricle.study.store import SCHEMA_VERSION, files_of, merged_files, pack
-from tests.studies import OBSERVED_HUNT
+from curricle.study import StudyResults, StudyStore, read_study, run_study
+from curricle.study.record import RunsRecord
+from curricle.study.store import SCHEMA_VERSION
 
 SETTINGS = {"seeds": 30, "version": "1"}
+pytestmark = pytest.mark.usefixtures("quick_disk")
 
 
 def opened(path, settings=SETTINGS):
@@ -22,10 +23,9 @@ def opened(path, settings=SETTINGS):
 
 
 def test_reopening_with_the_same_settings_keeps_everything(tmp_path):
-    opened(tmp_path / "a").write_json("x.json", [1, 2])
+    opened(tmp_path / "a").write_record("x.json", RunsRecord())
     again = opened(tmp_path / "a")
-    assert again.has("x.json")
-    assert again.read_json("x.json") == [1, 2]
+    assert again.record("x.json", RunsRecord) == RunsRecord()
     assert again.description == SETTINGS
 
 
@@ -55,82 +55,64 @@ def test_another_schema_version_is_refused_with_what_to_do(tmp_path, version):
 def test_a_damaged_file_is_named(tmp_path):
     store = opened(tmp_path)
     store.write("claims.json", b"{")
-    with pytest.raises(StoreError, match=r"claims\.json is not as .* it must be JSON"):
-        store.read_json("claims.json")
+    with pytest.raises(StoreError, match=r"claims\.json is damaged: its checksum does not fit"):
+        store.record("claims.json", RunsRecord)
 
 
-pytestmark = pytest.mark.usefixtures("quick_disk")
+def test_each_unit_has_a_file(finished):
+    seeds = [unit.seeds for unit in StudyStore(finished).units()]
+    assert seeds == [(0, 1), (2, 3)] * (len(seeds) // 2)
 
 
-@pytest.mark.parametrize("between", [0.0, 1e9], ids=["each alone", "as many as wait"])
-@pytest.mark.parametrize("workers", [1, 3])
-def test_when_units_are_written_changes_nothing(
-    study_file, finished, tmp_path, contents, monkeypatch, between, workers
-):
-    monkeypatch.setattr(store, "BETWEEN", between)
-    monkeypatch.setattr(store, "MOST_FILES", 1)  # merged during the run, too
-    study = read_study(study_file, set=["seeds_per_unit=1"])
-    run_study(study, tmp_path / "out", workers=workers)
-    assert contents(tmp_path / "out" / "units") == contents(finished / "units")
+def test_a_file_of_another_unit_is_refused(study_file, copied, tmp_path, contents):
+    """At its place: another key, other seeds, or another task that has the key of this one."""
+    run_study(read_study(study_file, set=["learner.learning_rate=0.9"]), tmp_path / "other")
+    first, second, *_, last = (unit.path for unit in StudyStore(copied).units())
+    foreign = next(path for path in (tmp_path / "other").rglob("*.npz"))
+    whole = contents(copied)
+    for content in (second.read_bytes(), last.read_bytes(), foreign.read_bytes()):
+        first.write_bytes(content)
+        with pytest.raises(StoreError, match=re.escape(f"{first} is damaged: it holds")) as caught:
+            _ = StudyResults(copied).comparison
+        assert "run the study again with --resume" in str(caught.value)
+        run_study(read_study(study_file), copied, resume=True)
+        assert contents(copied) == whole
 
 
-def test_each_task_has_one_file_for_its_seeds(finished):
-    files = StudyStore(finished).units()
-    assert [unit.seeds for unit in files] == [(0, 1, 2, 3)] * len(files)
-    assert len({unit.key for unit in files}) == len(files)
+def test_a_unit_of_another_task_than_is_asked_for_is_refused(finished):
+    store = StudyStore(finished)
+    unit = next(unit for unit in store.units() if unit.about.task == "corner")
+    with pytest.raises(StoreError, match="it is of task 'corner', not 'maze'"):
+        store.content(unit, "maze")
 
 
-def test_files_hold_blocks_of_seeds(study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "FULL", 1)  # one seed a file
-    study = read_study(study_file, set=["seeds_per_unit=1"])
-    run_study(study, tmp_path / "out")
-    files = StudyStore(tmp_path / "out").units()
-    assert {len(unit.seeds) for unit in files} == {1}
-    pack(StudyStore(tmp_path / "out"), {unit.key: 3 for unit in files})
-    blocks = {unit.seeds for unit in StudyStore(tmp_path / "out").units()}
-    assert blocks == {(0, 1, 2), (3,)}
+def test_two_files_of_one_seed_are_refused(study_file, copied, tmp_path):
+    run_study(read_study(study_file, set=['seeds="1-2"', "seeds_per_unit=9"]), tmp_path / "part")
+    shutil.copytree(tmp_path / "part" / "units", copied / "units", dirs_exist_ok=True)
+    with pytest.raises(StoreError, match=r"must be in one file: .*-0-1\.npz and .*-1-2\.npz hold"):
+        _ = StudyResults(copied).seeds
 
 
-def test_units_of_large_tables_are_not_held(study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "FULL", 1)
-    monkeypatch.setattr(store, "BETWEEN", 1e9)
-    study, files = read_study(study_file), []
-
-    def count(progress):
-        files.append(len(list((tmp_path / "out").glob("units/*/*.npz"))))
-
-    run_study(study, tmp_path / "out", workers=1, progress=count)
-    assert files[-1] == 16
-    assert max(np.diff(files)) <= 2  # as many as one worker is ahead
-
-
-def test_a_run_that_was_killed_while_it_merged_goes_on(study_file, finished, tmp_path, contents):
-    """The merged file was there, and some of those that it is made of."""
-    out = shutil.copytree(finished, tmp_path / "out")
-    part = tmp_path / "part"
-    run_study(read_study(study_file, set=['seeds="1-2"']), part)
-    shutil.copytree(part / "units", out / "units", dirs_exist_ok=True)
-    assert contents(out) != contents(finished)
-    run_study(read_study(study_file), out, resume=True)
-    assert contents(out) == contents(finished)
-
-
-def test_no_seed_is_merged_twice(study_file, finished, tmp_path):
-    out = shutil.copytree(finished, tmp_path / "out")
-    part = tmp_path / "part"
-    run_study(read_study(study_file, set=['seeds="1-2"']), part)
-    shutil.copytree(part / "units", out / "units", dirs_exist_ok=True)
-    store, key = StudyStore(out), StudyResults(out).record.keys["scratch", "maze"]
-    merged = merged_files(store, [unit for unit in store.units() if unit.key == key])
-    assert merged.seeds == (0, 1, 2, 3)
-    assert [unit for unit in store.units() if unit.key == key] == [merged]
-
-
-def test_a_network_has_a_file_for_each_unit(tmp_path):
-    (tmp_path / "hunt.toml").write_text(OBSERVED_HUNT)
-    study = read_study(tmp_path / "hunt.toml")
-    arms = Arms.of(study)
-    per_file = files_of(study_record(study, arms))
-    per_task = {task: per_file[key] for (arm, task), key in arms.keys.items() if arm != "scratch"}
-    assert per_task["hunt"] == 1
-    assert per_task["chase"] > 5
+@pytest.mark.parametrize(
+    "command", [("show",), ("compare",), ("report",), ("play", "--arm", "chain")]
+)
+def test_a_command_lists_a_folder_once_and_reads_each_file_once(copied, command):
+    script = f"""
+import sys
+opened, listed = [], []
+def note(event, arguments):
+    if event == "open" and str(arguments[0]).startswith({str(copied)!r}) and arguments[1] is None:
+        opened.append(arguments[0])
+    if event == "os.scandir" and str(arguments[0]).startswith({str(copied)!r}):
+        listed.append(str(arguments[0]))
+sys.addaudithook(note)
+sys.argv = ["curricle", {command[0]!r}, {str(copied)!r}, *{command[1:]!r}]
+from curricle.cli import main
+try:
+    main()
+finally:
+    assert len({{*map(str, opened)}}) == len(opened) > 0, opened
+    assert len({{*listed}}) == len(listed), listed
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.errors import ConfigError, CurriculumError, SettingError, StoreError
 from curricle.study import StudyConfig, StudyResults
-from tests.studies import CORNER
+from tests.support.studies import CORNER
 
 STUDY = CORNER.replace("\n", "\nseeds = [3, 5]\nbudget = 600\nthreshold = 5\nwindow = 2\n", 1)
 PLAN = "[arms.plain]\n[arms.halved]\ntransfers.0.scale = 0.5\n"

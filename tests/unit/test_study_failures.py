@@ -11,7 +11,6 @@ import pytest
 from curricle.errors import ConfigError, StoreError, StudyError
 from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
-from curricle.study.engines.engine import train_sent, versions_here
 from curricle.study.results import FAILURES
 from curricle.study.workers import WorkerProcesses
 
@@ -51,15 +50,14 @@ def test_the_other_arms_stand(study, finished, tmp_path):
     assert (results.failed, results.seeds) == ({"state": WORDS}, (0, 1, 2, 3))
     labels = [now.stored.label for now in trained[1:]]
     assert not any(label.startswith("state: ") for label in labels)
-    assert sum(label.startswith("calibrated: ") for label in labels) == 4  # and was after it
+    assert sum(label.startswith("scaled: ") for label in labels) == 4  # and was after it
     lines = str(results.comparison).split("\n")
     assert lines[-1] == f"state failed: {WORDS}"
-    assert results._repr_html_().count(WORDS) == 1
-    for name in ("scratch", "chain", "calibrated"):
+    for name in ("scratch", "chain", "scaled"):
         np.testing.assert_array_equal(
             results.comparison[name].curve.values, wanted.comparison[name].curve.values
         )
-    assert set(results.comparison.arms) == {"scratch", "chain", "calibrated"}
+    assert set(results.comparison.arms) == {"scratch", "chain", "scaled"}
     page = write_report(tmp_path / "out").read_text()
     assert f"The arm state failed and is left out: {WORDS}" in page
 
@@ -70,8 +68,8 @@ def test_own_code_that_leaves_fails_its_arm_alone(study, finished, tmp_path):
         run_study(study, tmp_path / "out", workers=1)
     results, wanted = StudyResults(tmp_path / "out"), StudyResults(finished)
     assert [*results.failed] == ["state"]
-    calibrated = (of.comparison["calibrated"].curve.values for of in (results, wanted))
-    np.testing.assert_array_equal(*calibrated)
+    scaled = (of.comparison["scaled"].curve.values for of in (results, wanted))
+    np.testing.assert_array_equal(*scaled)
     (tmp_path / "rules.py").write_text("raise SystemExit(0)\n")
     with pytest.raises(ConfigError, match="SystemExit"):
         read_study(tmp_path / "chain.toml").curricula  # noqa: B018
@@ -123,17 +121,6 @@ class Copies(Executor):
         return future
 
 
-class CopiesOfSent(Copies):
-    """Trains units as the workers of an engine do."""
-
-    def __init__(self, rules):
-        self.files = {"rules.py": rules.read_bytes()}
-
-    def submit(self, function, sent_unit):
-        sent = sent_unit._replace(files=self.files, versions=versions_here())
-        return super().submit(lambda _: train_sent(sent), sent_unit)
-
-
 @pytest.fixture
 def own_errors(study, tmp_path):
     """Return a function: name of an error -> a study of one unit a task, which raises it."""
@@ -158,9 +145,7 @@ def test_errors_of_ones_own_read_the_same_wherever_units_are_trained(
 ):
     wanted = told_of(own_errors(error), tmp_path / "threads", None)
     assert f"whole: {kind}a rule of the thesis is not met: got 3" in wanted[0]
-    for pool in (Copies(), CopiesOfSent(tmp_path / "rules.py")):
-        out = tmp_path / type(pool).__name__
-        assert told_of(own_errors(error), out, pool) == wanted
+    assert told_of(own_errors(error), tmp_path / "copies", Copies()) == wanted
 
 
 @pytest.mark.slow

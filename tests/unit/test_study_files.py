@@ -15,7 +15,6 @@ FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLES = sorted(str(path.relative_to(FOLDER)) for path in FOLDER.rglob("*.toml"))
 VALIDATOR = Draft202012Validator(json_schema())
 STEPS = 400
-"""More than ten greedy episodes take, which is what a calibration may spend of them here."""
 
 
 @pytest.fixture(params=[*EXAMPLES, *KINDS])
@@ -28,7 +27,7 @@ def path(request, tmp_path):
 
 
 def reduced(path):
-    """What to set so that a study is trained in no time: tiny budgets, networks, calibrations."""
+    """What to set so that a study is trained in no time: tiny budgets and networks."""
     study = tomllib.loads(path.read_text("utf-8"))
     arms = study.get("arms", {})
     network = "n_steps" in str(study.get("learner"))
@@ -45,10 +44,6 @@ def reduced(path):
         for task, patched in patch.get("tasks", {}).items():
             if "budget" in patched:
                 changes.append(f"arms.{arm}.tasks.{task}.budget={STEPS}")
-        edges = patch.get("transfers", {})
-        for number, edge in edges.items() if isinstance(edges, dict) else ():
-            if edge.get("calibrate"):
-                changes.append(f"arms.{arm}.transfers.{number}.calibrate={{ episodes = 1 }}")
     return changes
 
 

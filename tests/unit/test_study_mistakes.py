@@ -11,7 +11,7 @@ from curricle.errors import ConfigError
 from curricle.study import read_study
 from curricle.study_file.file import line_numbers
 from curricle.study_file.own_code import load
-from tests.studies import (
+from tests.support.studies import (
     NUMBERED_HUNT as HUNT,
     NUMBERED_MAZES as MAZES,
     OBSERVED_HUNT,
@@ -35,8 +35,7 @@ SHORT = {
     "TURNED": "transfers = [{ source = 'hunt', target = 'chase', project = {} }]",
     "START": "{ distance = [1, 3] }",
     "VIEW": "'MiniGridView'",
-    "RING": 'family = "ring", size = 3, predators = 1',
-    "COLON": '[families."a:b"]\nfamily = "maze"\n[families.ring]',
+    "RING": 'family = "pursuit"\nsize = 3\npredators = 1',
     "GUARD": "shaping = { portfolio = true, type =",
     "FIRST": FIRST,
     "DEEP": DEEP,
@@ -80,31 +79,27 @@ tasks.chase.time_limit=0 | line 7, as set: tasks.chase is refused: time_limit in
 snapshots=-1 | as set: snapshots must be at least 0: got -1
 KIND | type = "persuit"\npred | line 8: tasks.chase.type must be one of maze, crop,
 PROJECT | mapping = 'same_positon' | line 20: transfers[0].mapping must be 'identity',
-SIZE | torus = 1\npred | line 9: tasks.chase.torus must be true or false: got 1
 LEARNER | shaping.portfolio = 3 | line 4: shaping.portfolio must be true, false or a table: got
 epsilon = 0.1 | epsilon = nan | line 5: learner.epsilon must be finite: got nan
-LEARNER | [storage]\nqqq = 1 | line 5: storage.qqq is unknown: known are … save_values
 SIZE | capture = 'al'\npred | line 9: tasks.chase.capture must be … mean 'all'?
 source = "chase" | source = "chse" | line 18: transfers[0].source must … 'chase'?
 PROJECT | mapping = 'identity'\nPROJECT | line 17: transfers[0] … project, mapping
 PROJECT | function = 'cart' | line 20: transfers[0].function must name … got 'cart'
 [mazes]
-of = "maze" | of = 'mze' | line 12: tasks.corner.of must name a task: got 'mze', did
 of = "maze" | of = 'corner' | line 12: tasks.corner.of must lead to a whole task: got
 rows = [0, 2] | rows = [0, 2]\nstart = 'here' | line 14: tasks.corner.start must be
 map = ''' | file = 'm.txt'\nmap = ''' | line 3: tasks.maze has both map and file: one
 ...T\nS... | ...T\nS.. | line 3: tasks.maze is refused: all lines of a map must be
 mapping = "same_position" | project.row = 'raw' | component (row, column): got 'raw'
 mapping = "same_position" | factory = 'own:f'\nunmapped_value = 3 | line 16: transfers[0] has
-mapping = "same_position" | mapping = 'identity'\nunmapped_value = 3 | line 16: transfers[0] has
 [members]
-torus = true | torus = 1 | line 8: families.ring.torus must be True or False: got 1
-size = 3, predators = 1 | size = 2000 | line 12: tasks.chase.size must lie in [2
-predators = 1 | predators = 1, capture = 2 | line 12: tasks.chase is refused: capture
-RING | type = "pursuit", size = 3, torus = true | line 18: transfers[0].mapping must map members of
-[families.ring] | COLON | line 6: families."a:b" must have a name without a colon, which functions
+torus = true | torus = 1 | line 10: tasks.chase.torus must be True or False: got 1
+size = 3 | size = 2000 | line 8: tasks.chase.size must lie in [2
+predators = 1 | predators = 1\ncapture = 2 | line 6: tasks.chase is refused: capture
+RING | type = "pursuit"\nsize = 3 | line 24: transfers[0].mapping must map members of
+family = "pursuit" | family = "persuit" | line 7: tasks.chase.family must be one of
 [lanes]
-length = 4 | length = 4, limit = 0.5 | line 10: tasks.short.limit must be a whole
+length = 4 | length = 4, limit = 0.5 | line 6: tasks.short.limit must be a whole
 length = 4 | length = 4, treasure = 13 | own:corridor failed: RuntimeError: no luck
 family = "own:corridor" | family = "own:plain" | own:plain must be a TaskFamily
 [starts]
@@ -116,8 +111,6 @@ START | { visits = "random", goal = { row = 1 } } | line 12: tasks.near.start_st
 [rooms]
 factory = "own:Room" | id = "own:Room" | ; a class or function of your own is named by
 factory = "own:Room" | id = "a", factory = "own:Room" | id or factory: got both
-own:Room | owm:Room | owm is neither beside the study file nor on Python's
-time_limit | arguments = { sise = 3 }, time_limit | own:Room failed: TypeError:
 , "column" |  | in the order of state_1, state_2: got 1, row
 "column" | "" | tasks.room.names[1] must have 1 to 100 characters: got ''
 [level]
@@ -137,7 +130,6 @@ FIRST | project = {} | line 21: transfers[0].project must be left out: hunt is s
 FIRST | factory = "own:broken" | line 18: transfers[0] is refused: own:broken failed:
 FIRST | factory = "own:made"\nactions = [1] | line 18: transfers[0] has actions or
 FIRST | observations = "own:leaning"\nactions = "left" | line 22: transfers[0].actions
-FIRST | observations = "own:leanin" | transfers[0] is refused: own:leanin names no
 learning_rate = 1e-3 | policy_kwargs = 8 | policy_kwargs of a deep learner must be a
 [tasks.chase] | [tasks.x]\ntype = 'observation_task'\n[tasks.chase] | line 6: tasks.x
 [cart]
@@ -152,7 +144,6 @@ sweep.budget=[1, 2] | changes nothing: each task or arm that it could apply to s
 sweep.tasks.maze.budget=[1, 2] | must leave the target maze as it is
 sweep.tasks=[1] | a key of one of the tasks, such as tasks.maze.budget
 sweep.seeds=[1, 2] | must name a setting of tasks or transfers: seeds is unknown
-tune.space.learner.epsilon=1 | must be a list of two or more different values, or {
 sweep.RATES & sweep.unknown_value=[0.0] & sweep.mode=paired | must have as many values as
 sweep.RATES & tune.space.RATES | is swept already: leave out one of
 [tuned]
@@ -232,17 +223,6 @@ def test_all_that_is_refused_is_told_at_once(complaints):
         "line 16: tasks.corner.learner",
         "line 18: tasks.corner.eval_freq",
     ]
-
-
-def test_transfers_that_disagree_are_refused_as_a_whole(complaints):
-    other = "[[transfers]]\nsource = 'corner'\ntarget = 'maze'\nproject = {}\ncalibrate = true\n"
-    assert complaints(MAZES + other) == [
-        ": the study is refused: all transfers into a task must have the same calibration: those "
-        "into 'maze' differ"
-    ]
-    assert complaints(MAZES + "[arms.odd]\ntransfers.0.scale = 2\n" + other)[0].startswith(
-        "line 20: arms.odd is refused: all transfers into a task"
-    )
 
 
 OWN_MODULES = {"own": "NUMBER = 3", "broken": "import nobody_has", "false": "def make(:"}

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.comparison import plan
 from curricle.curriculum.result import SourceValues
 from curricle.errors import SettingError, StoreError, StudyError
-from curricle.study import StudyResults, read_study, run_study, running
+from curricle.study import StudyResults, read_study, run_study
 from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
-from curricle.study.store import RUN
-from tests.refusals import check_values
-from tests.studies import HUNT, NUMBERED_HUNT, reader
+from tests.support.refusals import check_values
+from tests.support.studies import HUNT, NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 CURVES = ("steps", "training_return", "greedy_return", "source_share", "episodes")
@@ -98,7 +98,7 @@ def test_block_and_workers_change_nothing(study_file, finished, tmp_path, seeds_
 
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
     pool, ended = LastFirst(), []
-    monkeypatch.setattr(running, "wait", pool.wait)
+    monkeypatch.setattr(plan, "wait", pool.wait)
     how = {"workers": 4, "executor": pool, "progress": lambda now: ended.append(now.stored)}
     run_study(read_study(study_file), tmp_path / "out", **how)
     assert ended[1:] != pool.submitted
@@ -142,7 +142,7 @@ def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
         )
     shards = [(0, 1), (3, 2), (1, 0), (1.5, 2), ("1", 2), (1,), "1/2", None]
     wrong = {"executor": [3], "report": [3], "resume": ["no"], "workers": [0, -1, 1.5]}
-    wrong |= {"shard": shards, "trackers": ["tensorboard"]}
+    wrong |= {"shard": shards, "trackers": [["tensorboard"], [3]]}
     check_values(SettingError, partial(run_study, read_study(study_file), tmp_path / "out"), wrong)
     assert not (tmp_path / "out").exists()
 
@@ -155,18 +155,18 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
     run_study(study, tmp_path / "out", progress=lambda now: begun.append(now.units))
     trained = sorted((unit.arm, unit.task) for unit in begun[0] if unit.seeds == (0, 1))
     assert trained == [
-        ("calibrated", "easy"),  # without a source, unlike in the other arms
-        ("calibrated", "maze"),
         ("chain", "corner"),  # the same in the arm "state", whose maze alone is learnt otherwise
         ("chain", "easy"),
         ("chain", "maze"),
+        ("scaled", "easy"),  # without a source, unlike in the other arms
+        ("scaled", "maze"),
         ("scratch", "maze"),
         ("state", "easy"),
         ("state", "maze"),
     ]
 
 
-@pytest.mark.parametrize("arm", ["chain", "state", "calibrated"])
+@pytest.mark.parametrize("arm", ["chain", "state", "scaled"])
 def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
     study, trained = StudyResults(finished), by_hand(study_file, arm)
     for node, result in trained.nodes.items():
@@ -174,10 +174,6 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
         if trained.decisions(node)[0]:
             sentences = [[*map(str, of_seed)] for of_seed in trained.decisions(node)]
             assert study.decisions(arm, node) == dict(enumerate(sentences))
-    fitted = [fit.scale for fit in trained.calibrations.get("maze", ())]
-    units = [unit for unit in study.store.units() if unit.key == study.record.keys[arm, "maze"]]
-    runs = [study.store.arrays(unit, RUN) for unit in units]
-    assert [scale for run in runs for scale in run.get("scale", ())] == fitted
 
 
 def test_the_comparison_is_that_of_compare(study_file, finished):

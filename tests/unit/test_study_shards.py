@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from curricle.errors import StoreError
-from curricle.study import StudyResults, StudyStore, merge, read_study, run_study, store
+from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
 from curricle.study.results import DECISIONS, RESULTS
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -146,8 +146,7 @@ def test_parts_merged_one_after_the_other_are_parts_merged_at_once(part, finishe
     assert snapshots_in(tmp_path / "whole") == snapshots_in(finished)
 
 
-def test_parts_merged_later_keep_the_snapshots_of_the_first_seed(part, tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "FULL", 1)  # as of large tables: a file for each seed
+def test_parts_merged_later_keep_the_snapshots_of_the_first_seed(part, tmp_path):
     parts = [part("early", 'seeds="0-0"'), part("late", 'seeds="1-1"')]
     merge(tmp_path / "once", parts)
     for folder in parts:

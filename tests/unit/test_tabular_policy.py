@@ -9,9 +9,9 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning import SparseValues, TabularPolicy
-from curricle.planning.policy_evaluation import Target
-from tests.refusals import check_values
-from tests.tasks import random_mdp
+from curricle.planning.target import Target
+from tests.support.refusals import check_values
+from tests.support.tasks import random_mdp
 
 MAZE = cr.GridWorld(["..T", "S#."], time_limit=20)
 HUNT = cr.Pursuit(3, 2)

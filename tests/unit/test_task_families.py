@@ -3,7 +3,7 @@
 import copy
 import pickle
 from functools import partial
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import pytest
 
@@ -13,19 +13,18 @@ from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import (
     ComponentsByName,
     Parameter,
+    Rule,
     TaskFamily,
     maze_family,
     pursuit_family,
     task_family,
 )
-from tests.refusals import check_refusal, check_values
+from tests.support.refusals import check_refusal, check_values
 
 BUILT = list[int]()
 
 
 @task_family(
-    Parameter("length", low=2, high=9, harder="larger"),
-    Parameter("slope", values=("flat", "steep"), harder="later"),
     mapping=ComponentsByName("clip"),
     constraint=lambda values: (
         "a long corridor must be flat"
@@ -34,8 +33,8 @@ BUILT = list[int]()
     ),
 )
 def corridor(
-    length: int,
-    slope: str = "flat",
+    length: Annotated[int, Rule(2, 9, "larger")],
+    slope: Annotated[Literal["flat", "steep"], Rule(harder="later")] = "flat",
     wet: bool = False,
     side: Literal["left", "right"] = "left",
     limit: int | None = 50,
@@ -56,9 +55,9 @@ def test_a_decorated_function_is_a_family():
     }  # fmt: skip
 
 
-def test_signatures_say_what_declarations_leave_out():
+def test_signatures_declare_the_parameters():
     kinds = {
-        parameter.name: (parameter.kind, parameter.values, parameter.optional)
+        parameter.name: (parameter.kind, parameter.rule.values, parameter.optional)
         for parameter in corridor.parameters
     }
     assert kinds["length"] == (int, None, False)
@@ -122,10 +121,11 @@ def test_easier_members_are_nowhere_harder():
 
 
 def test_a_smaller_number_may_be_harder_and_so_may_a_flag():
-    @task_family(
-        Parameter("light", low=0, high=3, harder="smaller"), Parameter("wet", harder="larger")
-    )
-    def cave(light: int = 2, wet: bool = True) -> GridWorld:
+    @task_family()
+    def cave(
+        light: Annotated[int, Rule(0, 3, "smaller")] = 2,
+        wet: Annotated[bool, Rule(harder="larger")] = True,
+    ) -> GridWorld:
         return GridWorld("ST")
 
     assert list(cave.easier(cave())) == [
@@ -133,7 +133,11 @@ def test_a_smaller_number_may_be_harder_and_so_may_a_flag():
     ]  # fmt: skip
 
 
-def one_word(word: str = "a") -> GridWorld:
+def one_word(word: Annotated[Any, Rule(values=("a", "c"))] = "a") -> GridWorld:
+    return GridWorld("ST")
+
+
+def another_word(word: Annotated[Any, Rule(values=("b",))] = "a") -> GridWorld:
     return GridWorld("ST")
 
 
@@ -147,18 +151,10 @@ def one_word(word: str = "a") -> GridWorld:
         (lambda: corridor(length=3)["size"], "a parameter of corridor must be one of"),
         (lambda: list(corridor.easier(3)), "easier than must be a FamilyMember: got 3"),
         (lambda: list(corridor.easier(maze_family())), "easier needs a member of corridor"),
-        (lambda: Parameter("a", low=2, high=1), "low of parameter 'a' must be at most high"),
-        (lambda: Parameter("a", values=(1, 1)), "must be different numbers, words or flags"),
-        (lambda: Parameter("a", int, values=(1, 2)), "say all: leave out kind, low and high"),
-        (lambda: Parameter("a", int, harder="later"), "needs values in that order"),
-        (lambda: Parameter("a", values=("x", "y"), harder="larger"), "must be 'later'"),
-        (lambda: TaskFamily("f", one_word, ["word"]), "must be a Parameter: got 'word'"),
-        (lambda: TaskFamily("f", one_word, [Parameter("x")]), "parameters of its function"),
-        (
-            lambda: TaskFamily("f", one_word, [Parameter("word", values=("b",))]),
-            "word of f, its default, must be one of b: got 'a'",
-        ),
-        (lambda: task_family(one_word), "must be given Parameters, in parentheses, above a"),
+        (lambda: Parameter("a", int, Rule(2, 1)), "low of parameter 'a' must be at most high"),
+        (lambda: Parameter("a", int, Rule(harder="later")), "needs values in that order"),
+        (lambda: Parameter("a", None, Rule(None, None, "larger", ("x", "y"))), "must be 'later'"),
+        (lambda: TaskFamily("f", another_word), "word of f, its default, must be one of b: got"),
         (
             lambda: TaskFamily("f", one_word, constraint=lambda values: False)(),
             "constraint of f must return None or, as a sentence, the mistake: got False for f",
@@ -175,10 +171,8 @@ def test_wrong_values_are_named():
     wrong = {"wet": [1], "slope": ["step"], "discount": ["x", None]}
     check_values(TaskError, partial(corridor, length=4), wrong)
     check_values(TaskError, pursuit_family, {"capture": [True]})
-    check_values(TaskError, Parameter, {"name": ["two words"]})
-    wrong = {"kind": [list], "low": ["2"], "values": ["ab", ()], "harder": ["bigger"]}
-    check_values(TaskError, partial(Parameter, "a"), wrong)
-    wrong = {"parameters": [3], "mapping": [3], "constraint": [3]}
+    check_values(TaskError, lambda harder: Parameter("a", int, Rule(2, 3, harder)), {"harder": [3]})
+    wrong = {"mapping": [3], "constraint": [3]}
     check_values(TaskError, partial(TaskFamily, "f", one_word), wrong)
     check_values(TaskError, partial(TaskFamily, "f"), {"factory": [3]})
     check_values(TaskError, ComponentsByName, {"unequal": ["stretch"], "renaming": [3, {"a": 1}]})

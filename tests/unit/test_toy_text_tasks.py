@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import floyd_warshall
 
 import curricle as cr
 from curricle import from_gymnasium, solve
-from curricle.tasks.mdp import reachable_states
+from curricle.tasks.graph import reachable_states
 
 
 def dense(mdp):
@@ -99,7 +99,7 @@ def test_a_part_of_a_lake_is_the_lake_there():
     assert part.map == tuple(line[2:] for line in whole.map[3:])
     row, column = part.layout.cells.T
     ours = whole.states.encode(row=row, column=column)
-    assert (whole.goal_states[ours] == part.goal_states).all()
+    assert (whole.grid.holds("G")[ours] == part.grid.holds("G")).all()
     # Inside the part a move leads to the same cell as in the whole lake.
     inner = part.mdp.next_state[part.mdp.outcome_row, 0]
     outer = whole.mdp.next_state[whole.mdp.outcome_row[ours], 0]

@@ -5,14 +5,14 @@ import shutil
 
 import numpy as np
 import pytest
+from fsspec.implementations.memory import MemoryFileSystem
 
 import curricle as cr
 from curricle.errors import ConfigError, LostStoreError, StoreError, StudyError
-from curricle.files import RemotePath
-from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.study import StudyResults, merge, read_study, run_study, running
 from curricle.study.record import plain
-from curricle.study.results import RESULTS
-from curricle.study.store import STUDY
+from curricle.study.results import DECISIONS, RESULTS
+from curricle.study.store import ANALYSIS, STUDY
 from curricle.study.tuning import TRIALS, effects_of
 from tests.unit.test_config_sweeps import MAZES
 from tests.unit.test_study_runner import Inline
@@ -86,6 +86,23 @@ def test_a_killed_run_goes_on_to_the_same(tuned_file, tuned, pool, tmp_path, lef
     assert_same(tmp_path / "out", tuned)
 
 
+@pytest.mark.parametrize("folder", ["", TRIALS])
+@pytest.mark.parametrize("name", [RESULTS, DECISIONS, ANALYSIS])
+def test_a_resumed_run_makes_what_a_finished_folder_lacks(
+    tuned_file, tuned, tmp_path, folder, name
+):
+    """As of a run that was killed before that file was moved to its place."""
+    out = shutil.copytree(tuned, tmp_path / "out")
+    (out / folder / name).unlink(missing_ok=folder == TRIALS and name == ANALYSIS)
+    run_study(read_study(tuned_file), out, resume=True, executor=Inline(0))
+    files = [
+        {path.relative_to(of) for path in of.rglob("*") if path.is_file()} for of in (out, tuned)
+    ]
+    assert files[0] == files[1]
+    for path in (path for path in files[0] if path.suffix == ".parquet" or path.name == ANALYSIS):
+        assert (out / path).read_bytes() == (tuned / path).read_bytes()
+
+
 def test_another_seed_tries_other_settings(tuned_file, tuned, tmp_path):
     run_study(read_study(tuned_file, set=["tune.seed=1"]), tmp_path / "out", workers=1)
     there, here = (StudyResults(folder).record.tuned for folder in (tmp_path / "out", tuned))
@@ -113,22 +130,22 @@ def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
     assert_same(tmp_path / "all", tuned)
 
 
-def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, tmp_path, monkeypatch):
+def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, url_of, monkeypatch):
     study = read_study(tuned_file, set=["tune.trials=2", "tune.seeds=1"])
-    exists, remove = RemotePath.exists, StudyStore.remove_checkpoints
+    exists, written = MemoryFileSystem.exists, running.write_failures
 
-    def failing(path):
-        if path.name == STUDY:
+    def failing(system, path, **settings):
+        if path.endswith(STUDY):
             raise OSError("nothing answers")
-        return exists(path)
+        return exists(system, path, **settings)
 
-    def last(store):
-        remove(store)
-        monkeypatch.setattr(RemotePath, "exists", failing)
+    def last(*arguments):
+        written(*arguments)
+        monkeypatch.setattr(MemoryFileSystem, "exists", failing)
 
-    monkeypatch.setattr(StudyStore, "remove_checkpoints", last)
+    monkeypatch.setattr(running, "write_failures", last)
     with pytest.raises(LostStoreError, match="cannot be read: nothing answers"):
-        run_study(study, (tmp_path / "out").as_uri(), workers=1)
+        run_study(study, url_of("out"), workers=1)
 
 
 @pytest.mark.parametrize("finished_before", [False, True])
@@ -176,10 +193,10 @@ def test_the_trials_are_a_study_in_which_each_arm_varies_what_it_has(tuned, tuni
     assert trials.seeds == tuning.seeds
     rate, first, unknown = "learner.learning_rate", "learner.initial_value", "unknown_value"
     points = {arm: [] for arm in tuning.arms}
-    for arm in trials.record.arms.values():
-        points[arm.variant.arm].append(values := arm.variant.values)
+    for variant in trials.record.variants.values():
+        points[variant.arm].append(values := variant.values)
         assert values.keys() == {rate, first, unknown} - {
-            unknown if arm.variant.arm == "scratch" else ""
+            unknown if variant.arm == "scratch" else ""
         }
         assert 0.05 <= values[rate] <= 0.8
         assert type(values[first]) is int
@@ -194,7 +211,7 @@ def test_the_trials_are_a_study_in_which_each_arm_varies_what_it_has(tuned, tuni
 
 def test_a_trial_is_scored_as_arms_are_compared(tuned_file, tuned, tuning):
     trials = StudyResults(tuned / TRIALS)
-    values = trials.record.arms["transfer, trial 4"].variant.values
+    values = trials.record.variants["transfer, trial 4"].values
     sets = [f"{key}={value}" for key, value in values.items()]
     by_hand = cr.compare(
         read_study(tuned_file, set=sets).curriculum("transfer"), seeds=tuning.seeds
@@ -212,13 +229,13 @@ def test_arms_are_run_with_their_best_settings_on_other_seeds(tuned, tuning):
     for name, best in tuning.arms.items():
         scores = {
             trial: trials.comparison.returns[trial].mean()
-            for trial, arm in trials.record.arms.items()
-            if arm.variant.arm == name
+            for trial, variant in trials.record.variants.items()
+            if variant.arm == name
         }
         chosen = max(scores, key=scores.get)
         assert (best.score, best.trials) == (scores[chosen], 12)
-        assert results.record.arms[name].variant.values == best.values
-        assert trials.record.arms[chosen].variant.values == best.values
+        assert results.record.variants[name].values == best.values
+        assert trials.record.variants[chosen].values == best.values
         settings = results.record.arms[name].nodes["maze"].settings["learner"]
         assert f"learning_rate={best.values['learner.learning_rate']}" in settings
 
@@ -240,9 +257,8 @@ def test_the_steps_of_trials_are_those_of_the_largest_source(tmp_path):
     file.write_text(f"{MAZES}[tune]\ntrials = 2\nseeds = 1\n{space}\n")
     results = run_study(read_study(file), tmp_path / "out", workers=1)
     tuning, trials = results.record.tuned, StudyResults(tmp_path / "out" / TRIALS)
-    tried = [
-        arm.variant.values.get("tasks.corner.budget", 0) for arm in trials.record.arms.values()
-    ]
+    variants = trials.record.variants.values()
+    tried = [variant.values.get("tasks.corner.budget", 0) for variant in variants]
     assert tuning.total == 1_000 + -(-max(tried) // 10) * 10
     spent = tuning.arms["transfer"].values["tasks.corner.budget"]
     assert results.record.total == 1_000 + -(-spent // 10) * 10

@@ -8,14 +8,11 @@ import pyarrow as pa
 import pytest
 
 from curricle import GridWorld, Pursuit
-from curricle.comparison.comparison import short as with_dash
+from curricle.cli.output import total_words
 from curricle.comparison.plan import numbered_seeds, seed_ranges
-from curricle.comparison.trial import in_brief, verdict_words
+from curricle.comparison.sentences import in_brief, likely, short as with_dash, signed
 from curricle.errors import StoreError
-from curricle.show.findings import signed
-from curricle.show.style import rounded, without_seeds
 from curricle.statistics import Interval
-from curricle.study.cost import total_words
 from curricle.study.results import parquet_of
 from curricle.study.store import StoredUnit, place_of
 from curricle.study.tuning import short
@@ -24,7 +21,7 @@ from curricle.study_file.schema import unknown
 from curricle.study_file.vary import short_names, value_text, varied_in
 from curricle.tasks.observation_task import made_by, plain_text
 from curricle.tasks.spaces import action_name, state_name
-from curricle.text import duration
+from curricle.text import duration, rounded
 
 NONE = float("nan")
 LOSS = Interval(-1.5, -2.0, 1.0, 0.95, 30)
@@ -37,9 +34,8 @@ LOSS = Interval(-1.5, -2.0, 1.0, 0.95, 30)
         (in_brief(Interval(5.0, NONE, NONE, 0.95, 20)), "5"),
         (with_dash(Interval(11.04, 10.0, 12.0, 0.95, 5)), "11.0 [10.0, 12.0]"),
         (with_dash(Interval(NONE, NONE, NONE, 0.95, 5)), "-"),
-        (without_seeds(LOSS), "−1.50 [−2.00, 1.00]"),
         (signed(LOSS), "−1.50\xa0[−2.00,\xa01.00]"),
-        (verdict_words(LOSS), "whether it pays is open"),
+        (likely(LOSS), "whether it pays is open"),
         ([*map(rounded, (-19.0, 0.5, -3215.4))], ["−19.0", "0.500", "−3,215"]),
         ([*map(short, (0.12345, 1234.5))], ["0.123", "1,234"]),
         ([*map(duration, (0.2, 75, 5000))], ["1 s", "75 s", "83 min"]),

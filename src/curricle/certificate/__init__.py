@@ -1,4 +1,4 @@
-"""Certificates: whether a shaping keeps the optimal policies, proven, refuted or sampled."""
+"""Certificates: whether a shaping keeps the optimal policies, proven, refuted or open."""
 
 import lazy_loader
 

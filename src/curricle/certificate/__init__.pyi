@@ -1,7 +1,6 @@
 from .certification import (
     Certificate as Certificate,
     Counterexample as Counterexample,
-    SampledCertificate as SampledCertificate,
     certify as certify,
 )
 from .shaped_task import ShapingReward as ShapingReward

@@ -1,15 +1,14 @@
-"""Whether a shaping is safe: proven in every state, refuted in one, or checked on a sample."""
+"""Whether a shaping is safe: proven in every state, refuted in one, or open."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
+from curricle.arrays import BoolArray, FloatArray, Frozen, frozen
 from curricle.certificate.shaped_task import (
-    RELATIVE_RESIDUAL,
     ActionValues,
     Ends,
     Origin,
@@ -18,33 +17,19 @@ from curricle.certificate.shaped_task import (
     ShapedValues,
     ShapingReward,
     check_shaping,
-    different_by_action,
     nonzero_ends,
     origin,
-    several_entries,
-    shaping_rewards,
-    widest,
 )
-from curricle.checks import number, one_of, whole_number
-from curricle.display import block, printed, table
+from curricle.checks import number, one_of
 from curricle.errors import CurricleError, SettingError
 from curricle.learning.potential import StatePotential
 from curricle.learning.shaping import Shaping
-from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown
-from curricle.tasks.live import is_live
-from curricle.tasks.mdp import (
-    FiniteMDP,
-    Task,
-    closed,
-    generative_model,
-    has_tables,
-    improper_states,
-    tables,
-)
+from curricle.tasks.graph import improper_states
+from curricle.tasks.mdp import FiniteMDP, Task, closed, generative_model, has_tables, tables
 from curricle.tasks.spaces import action_name, state_name, values_of
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr, printed
 from curricle.transfer.bisimulation import numbered_rows
 
 LARGEST_EXACT = 20_000_000
@@ -169,20 +154,7 @@ class Certificate(Frozen):
     def __str__(self) -> str:
         return _as_text([f"{self._verdict()} ({self._limits()})", *self.findings])
 
-    def _repr_html_(self) -> str:
-        answer = {True: "Safe", False: "Not the same", None: "Not decided"}[self.holds]
-        worst = self.counterexample
-        return block(
-            f"Certificate of {self.shaping}: {answer}",
-            self._verdict(),
-            worst is not None
-            and table(
-                [worst.place, "value in the task", "value under shaping"],
-                zip(worst.actions, worst.values, worst.shaped_values, strict=True),
-            ),
-            *self.findings,
-            self._limits(),
-        )
+    _repr_html_ = printed
 
     def _verdict(self) -> str:
         if self.holds:
@@ -209,57 +181,6 @@ class Certificate(Frozen):
         return f"values proven to {self.error_bound:.0e}, {limits}" if self.states else limits
 
 
-@dataclass(frozen=True, eq=False)
-class SampledCertificate:
-    """The result of checking a shaping on sampled steps; a proof of nothing, and so always false.
-
-    Attributes
-    ----------
-    shaping : str
-        Name of its class.
-    steps : int
-        Steps sampled.
-    reason : str
-        Why states were not compared.
-    contradictions : tuple of str
-        Sentences on places where F comes from no potential.
-    residual : float
-        Largest difference between a sampled sum of F and the sum that a potential gives.
-    findings : tuple of str
-        Other findings, a sentence each.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld, certify
-    >>> from curricle.certificate import ShapingReward
-    >>> nothing = ShapingReward(lambda state, action, after: 0.0 * state)
-    >>> sample = certify(GridWorld("S.T"), nothing, method="sampled")
-    >>> bool(sample), sample.contradictions
-    (False, ())
-    """
-
-    shaping: str
-    steps: int
-    reason: str
-    contradictions: tuple[str, ...]
-    residual: float
-    findings: tuple[str, ...] = ()
-
-    holds: ClassVar[None] = None
-
-    __repr__ = brief_repr
-    _repr_html_ = printed
-
-    def __bool__(self) -> bool:
-        return False
-
-    def __str__(self) -> str:
-        steps = f"{counted(self.steps, 'sampled step')} ({self.reason})"
-        first, *sentences = self.contradictions or (f"no contradiction in {steps}",)
-        sentences += [f"found in {steps}"] * bool(self.contradictions)
-        return _as_text([f"Not proven: {first}", *sentences, *self.findings])
-
-
 def _as_text(sentences: Sequence[str]) -> str:
     return ". ".join(sentence[0].upper() + sentence[1:] for sentence in sentences) + "."
 
@@ -271,11 +192,9 @@ def certify(
     shaping_discount: float | None = None,
     ends: Ends = "zero",
     tolerance: float = 0.0,
-    method: Literal["auto", "exact", "sampled"] = "auto",
-    steps: int = 100_000,
-    seed: int = 0,
+    method: Literal["auto", "exact"] = "auto",
     progress: Progress = None,
-) -> Certificate | SampledCertificate:
+) -> Certificate:
     """Return whether a shaping keeps the optimal actions of a task.
 
     The task and the shaped task are solved, and their optimal actions compared in every reachable
@@ -286,9 +205,6 @@ def certify(
     - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q + phi, the fixed point of Q-learning's
       expected update with F = gamma phi(s', a*) - phi(s, a), a* = argmax Q + phi; by theory Q*
       (Wiewiora 2003; Wiewiora, Cottrell, Elkan 2003);
-    - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, if all transitions into a
-      state have the same phi; otherwise nothing is proven, and the result names such a state;
-    - :class:`DecayingAdvice`: Q* + xi phi with the last weight xi (Behboudian et al. 2020);
     - :class:`RewardBonus`, :class:`ShapingReward`: Q* for r + F, F any reward. The findings tell
       whether F comes from a potential, and whether that is 0 at the ends (Grzes 2017).
 
@@ -306,13 +222,10 @@ def certify(
         "zero" as 0, like :func:`learn`; "given" unchanged, like a tool that adds gamma Phi(end).
     tolerance : float
         A loss that does not matter, in return units: optimal actions may fall short by as much.
-    method : {"auto", "exact", "sampled"}
+    method : {"auto", "exact"}
         "exact" compares every state; "auto" does so if the tables have at most 20 million outcomes
-        and, at discount 1, every policy ends. "sampled" checks look-back advice, a bonus or a
-        reward on steps of the uniform policy, which prove nothing; other shapings are decided by
-        their theorem alone.
-    steps, seed : int
-        About the number of steps to sample, and the seed of the sample.
+        and, at discount 1, every policy ends. Otherwise a shaping is decided by its theorem alone,
+        and one without a theorem for any values, such as a bonus, stays open.
     progress : bool or callable, optional
         True shows a bar that moves until the answer is there; a function is called with the answer.
 
@@ -357,30 +270,25 @@ def certify(
     """
     check_progress(progress)
     checked = check_shaping(task, shaping, shaping_discount, ends)
-    one_of("method", method, ("auto", "exact", "sampled"), SettingError)
+    one_of("method", method, ("auto", "exact"), SettingError)
     tolerance = number("tolerance", tolerance, SettingError, low=0)
-    steps = whole_number("steps to sample", steps, 1, SettingError)
-    seed = whole_number("seed", seed, 0, SettingError)
-    reason = "as asked for" if method == "sampled" else None
-    if method == "auto":
-        reason = _reason_to_sample(checked)
+    reason = _why_not_compared(checked) if method == "auto" else None
     with shown(progress) as bars:
         bars.bar("certifying")
-        answer: Certificate | SampledCertificate
         if reason is None:
             answer = _exact_certificate(replace(checked, compared=True), tolerance)
         else:
-            answer = _without_comparison(checked, tolerance, steps, seed, reason)
+            answer = _by_theorem(checked, tolerance, reason)
         bars.tell(answer)
     return answer
 
 
-def _reason_to_sample(shaped: ShapedTask) -> str | None:
+def _why_not_compared(shaped: ShapedTask) -> str | None:
     """Return why the states of a task cannot all be compared; None if they can."""
     task = shaped.task
     generative = generative_model(task)
     if not isinstance(generative, FiniteMDP) and not has_tables(task):
-        return "the task has no tables"
+        return "that needs tables, which the task does not have"
     pairs = generative.states.size * generative.actions.size
     if pairs > LARGEST_EXACT or pairs * tables(task).probability.shape[1] > LARGEST_EXACT:
         return f"states x actions x outcomes of the task exceed {LARGEST_EXACT:,}"
@@ -411,7 +319,7 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
         phi = shaped.phi_at_ends
         sentences.append(nonzero_ends(shaped.task, shaped.ends[phi != 0], phi[phi != 0]))
         sentences.append(shaped.shaping.at_ends)
-    return *sentences, *filter(None, [shaped.shaping.long_run()])
+    return tuple(sentences)
 
 
 # -- the optimal actions of the task and the shaped task, compared in every state ------------------
@@ -421,7 +329,7 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
 class ActionComparison:
     """The optimal actions of a task and of its shaped version, in N reachable states."""
 
-    met: Reachable
+    reachable: Reachable
     unshaped: Solution
     shaped: ShapedValues
     tolerance: float  # a loss that is allowed
@@ -429,7 +337,9 @@ class ActionComparison:
     @cached_property
     def task(self) -> ActionValues:
         """The action values of the task without shaping."""
-        return ActionValues(self.unshaped.action_values[self.met.states], self.unshaped.error_bound)
+        return ActionValues(
+            self.unshaped.action_values[self.reachable.states], self.unshaped.error_bound
+        )
 
     @property
     def loss(self) -> float:
@@ -462,7 +372,7 @@ class ActionComparison:
 
     def total_loss(self) -> float:
         """Return max_s V*(s) - V(s), V of the worst policy that may be optimal when shaped."""
-        mdp, states, chosen = self.met.mdp, self.met.states, self.shaped.optimal
+        mdp, states, chosen = self.reachable.mdp, self.reachable.states, self.shaped.optimal
         row = mdp.outcome_row.copy()
         first = np.take_along_axis(row[states], chosen.argmax(axis=1)[:, None], axis=1)
         row[states] = np.where(chosen, row[states], first)
@@ -475,7 +385,7 @@ class ActionComparison:
 
     def counterexample(self) -> Counterexample:
         """Return the state of the largest `lost`, or else of the largest `given_up`."""
-        q, acted, mdp = self.task.values, self.shaped.values, self.met.mdp
+        q, acted, mdp = self.task.values, self.shaped.values, self.reachable.mdp
         if self.lost.any():
             row = int(self.lost.argmax())
             best = int(q[row].argmax())
@@ -485,7 +395,7 @@ class ActionComparison:
             row = int(self.given_up.argmax())
             other, lost = int(acted[row].argmax()), 0.0
             best = int(np.where(self.task.optimal[row], self.shaped.short[row], np.inf).argmin())
-        state = int(self.met.states[row])
+        state = int(self.reachable.states[row])
         return Counterexample(
             state=state,
             components=values_of(mdp.states, state),
@@ -500,7 +410,7 @@ class ActionComparison:
 
     def too_close(self) -> str:
         """Return the sentence about the undecided states."""
-        rows, mdp = np.flatnonzero(self.undecided), self.met.mdp
+        rows, mdp = np.flatnonzero(self.undecided), self.reachable.mdp
         row = rows[0]
         q, acted = self.task.values[row], self.shaped.values[row]
         close = np.flatnonzero(self.task.optimal[row] | self.shaped.optimal[row])
@@ -508,9 +418,10 @@ class ActionComparison:
             f"{action_name(mdp.actions, int(a))} is worth {q[a]:.6g}, under shaping {acted[a]:.6g}"
             for a in close[np.argsort(-q[close], kind="stable")[:2]]
         )
+        states = self.reachable.states
         return (
-            f"in {len(rows):,} of {len(self.met.states):,} reachable states the values are too "
-            f"close to tell, first in {state_name(mdp.states, int(self.met.states[row]))}: {values}"
+            f"in {len(rows):,} of {len(states):,} reachable states the values are too close to "
+            f"tell, first in {state_name(mdp.states, int(states[row]))}: {values}"
         )
 
     def decided(
@@ -529,7 +440,7 @@ class ActionComparison:
         # is off by its residual, both twice in a difference of two actions, in every step.
         largest = self.shaped.largest
         off = 3 * EPSILON * largest + (0.0 if behind is None else behind.plain.worst)
-        reach = 2 * off * longest_episode(self.met.mdp)
+        reach = 2 * off * longest_episode(self.reachable.mdp)
         short, error = self.task.short, self.task.error
         vanishing = (short > error) & (short <= reach + error)
         if by_values:
@@ -538,7 +449,7 @@ class ActionComparison:
         if behind is not None and behind.plain.potential.any():
             # Ties stay where F is that of the potential, up to rounding, in every step.
             fits = behind.plain.worst <= 8 * EPSILON * largest
-            if not (fits and tied_exactly(self.met, self.unshaped, self.task.optimal)):
+            if not (fits and tied_exactly(self.reachable, self.unshaped, self.task.optimal)):
                 hidden = max(hidden, error)
         if hidden <= self.tolerance:
             return True, ()
@@ -556,9 +467,9 @@ def longest_episode(mdp: FiniteMDP) -> float:
     return float(steps.values.max()) + steps.error_bound
 
 
-def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
+def tied_exactly(reachable: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
     """Return whether the actions that may be optimal, (N, A), are proven equal in each state."""
-    mdp, block = met.mdp, np.empty(len(unshaped.values), np.int64)
+    mdp, block = reachable.mdp, np.empty(len(unshaped.values), np.int64)
     order = np.argsort(unshaped.values)
     apart = np.diff(unshaped.values[order]) > 2 * unshaped.error_bound
     block[order] = np.append(0, np.cumsum(apart))
@@ -570,42 +481,35 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
     for _ in range(MOST_REFINEMENTS):
         after = (block[mdp.next_state] + 1) * len(kinds) + paid.reshape(mdp.reward.shape)
         after = np.sort(np.where(mdp.probability > 0, after, -1), axis=1)
-        alike = np.where(optimal, numbered_rows(after)[mdp.outcome_row[met.states]], -1)
+        alike = np.where(optimal, numbered_rows(after)[mdp.outcome_row[reachable.states]], -1)
         most = alike.max(axis=1)
         if (optimal & (alike != most[:, None])).any():
             return False  # smaller blocks cannot make them equal
-        finer = numbered_rows(np.column_stack([block[met.states], most]))
+        finer = numbered_rows(np.column_stack([block[reachable.states], most]))
         if (refined := int(finer.max(initial=-1)) + 1) == blocks:
             return True
-        block[met.states], blocks = finer, refined
+        block[reachable.states], blocks = finer, refined
     return False
 
 
 def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
-    met, shaping = shaped.met, shaped.shaping
+    reachable, shaping = shaped.reachable, shaped.shaping
     findings, name = _findings(shaped), shaping.name
-    if shaping.one_way_in:
-        on = ~met.mdp.terminal[met.target]
-        ways = met.source[on], met.action[on], met.target[on]
-        starts = np.flatnonzero(met.mdp.start > 0)
-        _, several = several_entries(shaped.task, ways, shaped.phi[ways[:2]], starts)
-        if several is not None:
-            return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
     behind: Origin | None = None
     if shaping.any_reward:
-        f = met.reward(shaping.reward(shaped))
-        behind = origin(shaped.task, met, f)
-        values = shaped.with_rewards(f, np.zeros(len(met.states)))
+        f = reachable.reward(shaping.reward(shaped))
+        behind = origin(shaped.task, reachable, f)
+        values = shaped.with_rewards(f, np.zeros(len(reachable.states)))
         largest = max(values.largest, float(abs(behind.plain.potential).max()))
         values = replace(values, residual=behind.plain.worst, largest=largest)
         findings += behind.sentences
     else:
         values = shaping.acted_on(shaped)
-    allowed = None if met.mdp.available is None else met.mdp.available[met.states]
+    allowed = None if reachable.mdp.available is None else reachable.mdp.available[reachable.states]
     values = replace(values, values=closed(values.values, allowed))
-    compared = ActionComparison(met, shaped.unshaped, values, tolerance)
+    compared = ActionComparison(reachable, shaped.unshaped, values, tolerance)
     # At discount 1 the sum of F need not be -Phi(s) in an episode that never ends.
-    endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
+    endless = reachable.mdp.discount == 1 and improper_states(reachable.mdp).size > 0
     from_potential = behind is None or behind.fitting is behind.plain
     applies = not endless and from_potential and shaping.meets_conditions(shaped)
     theorem = shaping.theorem if applies else None
@@ -616,7 +520,7 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
     return Certificate(
         holds,
         name,
-        states=len(met.states),
+        states=len(reachable.states),
         theorem=theorem if holds else None,
         tolerance=tolerance,
         loss=loss,
@@ -632,155 +536,24 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
 # -- without a comparison of states ----------------------------------------------------------------
 
 
-def _without_comparison(
-    shaped: ShapedTask, tolerance: float, steps: int, seed: int, reason: str
-) -> Certificate | SampledCertificate:
-    """Return the certificate of a theorem, or of sampled steps if no theorem applies."""
+def _by_theorem(shaped: ShapedTask, tolerance: float, reason: str) -> Certificate:
+    """Return the certificate of a theorem for any values; open if none applies."""
     shaping, findings = shaped.shaping, _findings(shaped)
-    if shaping.one_way_in or shaping.any_reward:
-        check = _check_reward if shaping.any_reward else _check_entries
-        taken, residual, contradictions = check(shaped, steps, seed)
-        return SampledCertificate(shaping.name, taken, reason, contradictions, residual, findings)
+    if shaping.any_reward:
+        why = f"{shaping.name} is judged by comparing every state, which was not done: {reason}"
+        return Certificate(None, shaping.name, tolerance=tolerance, findings=(why, *findings))
     applies = shaping.meets_conditions(shaped)
-    if shaping.changes_rewards:
-        if shaped.is_array and generative_model(shaped.task).terminal is None:
-            applies = False
-            findings += ("its ends are not known, where Phi must be 0",)
-        if shaped.task_discount == 1:  # the sum of F need not be -Phi(s) if an episode never ends
-            applies = False
-            findings += (f"at discount 1 every policy must end, which is not known: {reason}",)
+    if shaped.is_array and generative_model(shaped.task).terminal is None:
+        applies = False
+        findings += ("its ends are not known, where Phi must be 0",)
+    if shaped.task_discount == 1:  # the sum of F need not be -Phi(s) if an episode never ends
+        applies = False
+        findings += (f"at discount 1 every policy must end, which is not known: {reason}",)
     if not applies:
         return Certificate(None, shaping.name, tolerance=tolerance, findings=findings)
-    if shaping.changes_rewards:
-        findings += (
-            "differences between actions that are less than the rounding of F, in every step of "
-            "an episode, vanish in double precision",
-        )
+    findings += (
+        "differences between actions that are less than the rounding of F, in every step of an "
+        "episode, vanish in double precision",
+    )
     proven: dict[str, Any] = {"theorem": shaping.theorem, "loss": 0.0, "total_loss": 0.0}
     return Certificate(True, shaping.name, tolerance=tolerance, findings=findings, **proven)
-
-
-# -- rewards and look-back advice without tables: random rollouts can refute them, but prove nothing
-
-Checked = tuple[int, float, tuple[str, ...]]
-"""Steps taken, largest difference between sums of F and a potential's sums, and sentences."""
-LONGEST = 200  # steps of a rollout at most
-BRANCHES, DEPTH = 40, 3  # rollouts from one state, and their steps: their paths may meet
-
-
-def _sampled(shaped: ShapedTask, steps: int, seed: int, least: int) -> RandomRollouts:
-    """Return rollouts from the start of `steps` steps in all, each as long as possible."""
-    length = min(steps, LONGEST, generative_model(shaped.task).time_limit or LONGEST)
-    length = max(least, length)
-    episodes = max(1, steps // length)
-    return random_rollouts(shaped.task, episodes=episodes, length=length, seed=seed)
-
-
-def _check_entries(shaped: ShapedTask, steps: int, seed: int) -> Checked:
-    """Check that all transitions into a state have one phi."""
-    rollouts = _sampled(shaped, steps, seed, least=2)
-    ways = _transitions(rollouts, rollouts.taken & ~rollouts.ending)
-    starts = np.unique(rollouts.states[:, 0])
-    apart, sentence = several_entries(shaped.task, ways, shaped.phi_of(*ways[:2]), starts)
-    return int(rollouts.length.sum()), apart, () if sentence is None else (sentence,)
-
-
-def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
-    states = rollouts.states
-    return states[:, :-1][taken], rollouts.actions[taken], states[:, 1:][taken]
-
-
-def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
-    """Check that F may come from a potential, on rollouts and on short paths from their states."""
-    live = is_live(shaped.task)
-    half = steps if live else max(1, steps // 2)
-    rollouts = _sampled(shaped, half, seed, least=1)
-    f = _rewards(shaped, rollouts)
-    near, f_near, taken = rollouts, f, int(rollouts.length.sum())
-    if not live:
-        begun = np.unique(rollouts.states[:, :-1][rollouts.taken])
-        number = min(len(begun), max(1, half // (BRANCHES * DEPTH)))
-        chosen = np.random.default_rng(seed).choice(begun, number, replace=False)
-        starts = np.repeat(chosen, BRANCHES)
-        how: Any = {"length": DEPTH, "seed": seed + 1, "starts": starts}
-        near = random_rollouts(shaped.task, episodes=len(starts), **how)
-        f_near, taken = _rewards(shaped, near), taken + int(near.length.sum())
-    enough = RELATIVE_RESIDUAL * max(abs(f).max(), abs(f_near).max())
-    checks = _meeting(shaped, near, f_near, enough), _returning(shaped, rollouts, f)
-    sentences = (sentence for apart, sentence in checks if apart > enough)
-    return taken, max(apart for apart, _ in checks), tuple(sentences)
-
-
-def _rewards(shaped: ShapedTask, rollouts: RandomRollouts) -> FloatArray:
-    """Return F of each step, (E, L), 0 where no step was taken."""
-    taken, f = rollouts.taken, np.zeros(rollouts.actions.shape)
-    function = shaped.shaping.reward(shaped)
-    f[taken] = shaping_rewards(shaped.task, function, *_transitions(rollouts, taken))
-    return f
-
-
-def _meeting(
-    shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray, enough: float
-) -> tuple[float, str]:
-    """Return the largest difference of sums of F over two paths of one length, and a sentence."""
-    worst, sentence, space = 0.0, "", shaped.task.states
-    for n in range(1, DEPTH + 1):
-        among = np.flatnonzero(rollouts.length >= n)
-        if not among.size or worst > enough:
-            break
-        sums = f[among, :n] @ shaped.task_discount ** np.arange(n)
-        apart, *pair = widest(rollouts.states[among][:, [0, n]], sums)
-        if apart <= worst:
-            continue
-        worst = apart
-        begin, end = rollouts.states[among[pair[0]], [0, n]].tolist()
-        if n == 1:
-            actions = rollouts.actions[among[pair], 0]
-            sentence = different_by_action(shaped.task, begin, end, sums[pair], actions)
-            continue
-        sentence = (
-            f"not potential-based: two paths of {n} steps from {state_name(space, begin)} to "
-            f"{state_name(space, end)} have discounted sums of F of {sums[pair[0]]:.4g} and "
-            f"{sums[pair[1]]:.4g}; with a potential they are equal"
-        )
-    return worst, sentence
-
-
-def _returning(shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray) -> tuple[float, str]:
-    """Return how far two loops or paths to an end contradict each other, and a sentence."""
-    # With a potential F sums to (gamma^n - 1) Phi(s) over a loop, to -Phi(s) over a path to an end.
-    gamma, (n, length) = shaped.task_discount, f.shape
-    sums, total = np.zeros((n, length + 1)), np.zeros(n)  # sum_i gamma^i F_(t+i) from step t on
-    for t in reversed(range(length)):
-        total = np.where(rollouts.taken[:, t], f[:, t] + gamma * total, 0.0)
-        sums[:, t] = total
-    last = np.arange(rollouts.states.shape[1]) == rollouts.length[:, None]
-    truncated = last & ~rollouts.terminated[:, None]  # their last states count too
-    rollout, time = np.nonzero(np.pad(rollouts.taken, ((0, 0), (0, 1))) | truncated)
-    state = rollouts.states[rollout, time]
-    order = np.lexsort((time, state, rollout))
-    rollout, time, state = rollout[order], time[order], state[order]
-    again = np.flatnonzero((rollout[1:] == rollout[:-1]) & (state[1:] == state[:-1]))
-    weight = gamma ** (time[again + 1] - time[again])
-    loops = sums[rollout[again], time[again]] - weight * sums[rollout[again + 1], time[again + 1]]
-    ended = rollouts.terminated[rollout]
-    total = np.concatenate([loops, sums[rollout[ended], time[ended]]])
-    factor = np.concatenate([weight - 1.0, np.full(ended.sum(), -1.0)])
-    where = np.concatenate([state[again], state[ended]])
-    if not where.size:
-        return 0.0, ""
-    # total = factor Phi(s). The path with the largest factor gives Phi; other paths must agree.
-    order = np.lexsort((-abs(factor), where))
-    first = np.flatnonzero(np.diff(where[order], prepend=-1))
-    lead = np.repeat(order[first], np.diff(first, append=len(order)))
-    apart = abs(total[order] * factor[lead] - total[lead] * factor[order])
-    apart = np.where(factor[lead] == 0, abs(total[order]), apart)
-    worst = int(apart.argmax())
-    path, other = order[worst], lead[worst]
-    place = state_name(shaped.task.states, int(where[path]))
-    if factor[path] == 0:
-        reason = f"F adds up to {total[path]:.4g} over a loop through {place}, not to 0"
-        return float(apart[worst]), f"not potential-based: {reason}"
-    values = total[path] / factor[path], total[other] / factor[other]
-    reason = f"one path from {place} requires Phi = {values[0]:.4g}, another {values[1]:.4g}"
-    return float(apart[worst]), f"no potential that is 0 at the ends: {reason}"

@@ -19,14 +19,8 @@ from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL, PairPotential, StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
-from curricle.tasks.mdp import (
-    FiniteMDP,
-    Task,
-    generative_model,
-    live_pairs,
-    reachable_states,
-    tables,
-)
+from curricle.tasks.graph import reachable_states
+from curricle.tasks.mdp import FiniteMDP, Task, generative_model, live_pairs, tables
 from curricle.tasks.spaces import action_name, state_name
 
 RewardFunction = Callable[..., Any]
@@ -69,7 +63,7 @@ class ShapingReward(Shaping):
                 f"ShapingReward takes a function F(s, a, s'): got {type(self.function).__name__}"
             )
 
-    def reward(self, shaped: Any) -> RewardFunction:
+    def reward(self, shaped: object) -> RewardFunction:
         """Return the function itself."""
         return self.function
 
@@ -82,7 +76,7 @@ class Reachable:
     """The part of a task that can be reached from the start, under any policy."""
 
     mdp: FiniteMDP
-    met: BoolArray  # (S,), ends included
+    reached: BoolArray  # (S,), ends included
     states: IntArray  # (N,), ends left out
     ends: IntArray  # terminal states
     rows: AnyInts  # (N A,), the outcome row of each pair
@@ -94,14 +88,14 @@ class Reachable:
     @classmethod
     def of(cls, mdp: FiniteMDP) -> "Reachable":
         """Return the reachable part of a task."""
-        met = reachable_states(mdp)
-        states = np.flatnonzero(met & ~mdp.terminal)
+        reached = reachable_states(mdp)
+        states = np.flatnonzero(reached & ~mdp.terminal)
         rows = mdp.outcome_row[states].ravel()
         possible = (mdp.probability[rows] > 0) & live_pairs(mdp)[states].reshape(-1, 1)
         place, action = np.divmod(np.nonzero(possible)[0].astype(np.int32), mdp.actions.size)
-        ends, source = np.flatnonzero(met & mdp.terminal), states.astype(np.int32)[place]
+        ends, source = np.flatnonzero(reached & mdp.terminal), states.astype(np.int32)[place]
         target = mdp.next_state[rows][possible]
-        return cls(mdp, met, states, ends, rows, possible, source, action, target)
+        return cls(mdp, reached, states, ends, rows, possible, source, action, target)
 
     def reward(self, function: RewardFunction) -> FloatArray:
         """Return F of every possible transition, (E,)."""
@@ -213,7 +207,7 @@ class ShapedTask:
     compared: bool = False  # whether all states are compared
 
     @cached_property
-    def met(self) -> Reachable:
+    def reachable(self) -> Reachable:
         """The reachable states; only if states are compared."""
         return Reachable.of(tables(self.task))
 
@@ -227,7 +221,9 @@ class ShapedTask:
         """The reachable terminal states; all known ones if states are not compared."""
         terminal = generative_model(self.task).terminal
         return (
-            self.met.ends if self.compared else np.flatnonzero([] if terminal is None else terminal)
+            self.reachable.ends
+            if self.compared
+            else np.flatnonzero([] if terminal is None else terminal)
         )
 
     @property
@@ -261,35 +257,22 @@ class ShapedTask:
         """Whether the potential is 0 at all known ends."""
         return not self.phi_at_ends.any()
 
-    def phi_of(self, state: IntArray, action: IntArray) -> FloatArray:
-        """Return phi(s, a) of n pairs without ends, (n,), without reading other pairs."""
-        if self.is_array:
-            return np.asarray(self.potential[state, action])
-        return np.asarray(self.potential.q(state, action))
-
     # The values on which a policy acts, with proven bounds; the classes of shapings call these.
 
     @property
     def terminal(self) -> BoolArray:
         """Which states are terminal, (S,) bool."""
-        return self.met.mdp.terminal
-
-    def entered_with(self, phi: FloatArray) -> FloatArray:
-        """Return phi of a pair that leads into each state, (S,); 0 where episodes start."""
-        before = np.zeros(self.met.mdp.states.size)
-        before[self.met.target] = phi[self.met.source, self.met.action]
-        before[self.met.mdp.start > 0] = 0.0
-        return before
+        return self.reachable.mdp.terminal
 
     def rewarded(self, reward: RewardFunction, off: FloatArray) -> ShapedValues:
         """Return Q* for rewards r + F(s, a, s'); by theory Q* - off, off (S,)."""
-        return self.with_rewards(self.met.reward(reward), off[self.met.states])
+        return self.with_rewards(self.reachable.reward(reward), off[self.reachable.states])
 
     def with_rewards(self, f: FloatArray, off: FloatArray) -> ShapedValues:
         """Return Q* for rewards r + F, F (E,); by theory Q* - off, off (N,)."""
-        solution = solve(self.met.with_reward(f))
-        q = solution.finite_action_values[self.met.states]
-        expected = self.unshaped.finite_action_values[self.met.states] - off[:, None]
+        solution = solve(self.reachable.with_reward(f))
+        q = solution.finite_action_values[self.reachable.states]
+        expected = self.unshaped.finite_action_values[self.reachable.states] - off[:, None]
         bound = ROUNDED * solution.error_bound
         return ShapedValues(q, bound, _largest(q - expected), _largest(q, f))
 
@@ -297,22 +280,19 @@ class ShapedTask:
         """Return Q + phi under look-ahead advice, or with the initial Q at phi; by theory Q*."""
         # The sweep contracts Q + phi to Q* of a task whose ends pay gamma max_a phi(end, a). One
         # sweep follows the solution, so that the bound holds for the result of the sweep.
-        met, mdp, solution = self.met, self.met.mdp, self.unshaped
-        if phi[met.ends].any():
+        reachable, mdp, solution = self.reachable, self.reachable.mdp, self.unshaped
+        if phi[reachable.ends].any():
             ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
-            solution = solve(met.with_reward(met.reward(lambda s, a, after: ending[after])))
-        acted = (look_ahead_sweep(mdp, phi, solution.finite_action_values - phi) + phi)[met.states]
+            solution = solve(
+                reachable.with_reward(reachable.reward(lambda s, a, after: ending[after]))
+            )
+        acted = (look_ahead_sweep(mdp, phi, solution.finite_action_values - phi) + phi)[
+            reachable.states
+        ]
         rounding = (mdp.probability.shape[1] + 8) * EPSILON * (_largest(phi) + _largest(acted))
-        residual = _largest(acted - self.unshaped.finite_action_values[met.states])
+        residual = _largest(acted - self.unshaped.finite_action_values[reachable.states])
         bound = solution.error_bound + rounding
         return ShapedValues(acted, bound, residual, _largest(phi, acted))
-
-    def advised(self, advice: FloatArray) -> ShapedValues:
-        """Return Q* + advice, advice (S, A), for policies that learn Q from unshaped rewards."""
-        added = advice[self.met.states]
-        acted = self.unshaped.finite_action_values[self.met.states] + added
-        bound = self.unshaped.error_bound + EPSILON * (_largest(acted) + _largest(added))
-        return ShapedValues(acted, bound, _largest(added), _largest(acted, added))
 
 
 def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArray:
@@ -333,7 +313,7 @@ def _largest(*arrays: FloatArray) -> float:
 
 
 def check_shaping(
-    task: Task, shaping: Any, shaping_discount: float | None = None, ends: Ends = "zero"
+    task: Task, shaping: object, shaping_discount: float | None = None, ends: Ends = "zero"
 ) -> ShapedTask:
     """Return a shaping with its task; PotentialError or SettingError if they do not fit."""
     if not isinstance(shaping, Shaping):
@@ -361,10 +341,17 @@ def check_shaping(
     if not (by_function or isinstance(shaping.potential, StatePotential | PairPotential)):
         array = np.array(shaping.potential, dtype=np.float64)
         at_states = array if array.ndim == 1 else array.max(axis=1)
+        terminal = generative.terminal
         if ends == "given":
-            potential = frozen(at_states if isinstance(potential, StatePotential) else array)
-        elif generative.terminal is not None:
-            ignored = np.where(generative.terminal, at_states, 0.0)
+            # Elsewhere as learn() reads it: a pair that is not available, -inf in values, copies
+            # another.
+            at_ends = at_states if isinstance(potential, StatePotential) else array
+            if terminal is not None:
+                is_end = terminal.reshape(-1, *[1] * (at_ends.ndim - 1))
+                at_ends = np.where(is_end, at_ends, potential.values.reshape(at_ends.shape))
+            potential = frozen(at_ends)
+        elif terminal is not None:
+            ignored = np.where(terminal, at_states, 0.0)
     return ShapedTask(task, shaping, potential, discount, ignored)
 
 
@@ -388,13 +375,17 @@ class Fit(Frozen):
         return float(np.where(np.isnan(sizes), np.inf, sizes).max(initial=0.0))
 
 
-def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
+def fit(reachable: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
     """Return the only Phi from which F, (E,), can come; Phi of ends is 0 or free."""
     # One transition a state gives its Phi from the Phi of a neighbour. Where that leaves a number
     # free, `group` is the number on which a state depends, `slope` the change of Phi with it.
-    source, target, terminal = met.source, met.target, met.mdp.terminal
-    known, phi, slope = ~met.met, np.zeros(len(met.met)), np.zeros(len(met.met))
-    group, groups = np.zeros(len(met.met), np.int64), 0
+    source, target, terminal = reachable.source, reachable.target, reachable.mdp.terminal
+    has_phi, phi, slope = (
+        ~reachable.reached,
+        np.zeros(len(reachable.reached)),
+        np.zeros(len(reachable.reached)),
+    )
+    group, groups = np.zeros(len(reachable.reached), np.int64), 0
 
     def follow(forward: bool, transitions: IntArray) -> None:
         """Compute Phi of the states on one side of transitions from Phi on the other side."""
@@ -407,61 +398,61 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
         elif discount > 0:
             phi[states] = (f[by] + phi[neighbour[by]]) / discount
             slope[states] = slope[neighbour[by]] / discount
-        known[states], group[states] = True, groups
+        has_phi[states], group[states] = True, groups
 
     def follow_backward() -> None:
-        left = np.flatnonzero(~known[source])
-        while (ready := left[known[target[left]]]).size:
+        waiting = np.flatnonzero(~has_phi[source])
+        while (ready := waiting[has_phi[target[waiting]]]).size:
             follow(False, ready)
-            left = left[~known[source[left]]]
+            waiting = waiting[~has_phi[source[waiting]]]
 
     # Forward steps at a small discount may overflow. Then no potential fits.
     with np.errstate(over="ignore", invalid="ignore"):
         if ends_are_zero:
-            known[met.ends] = True
+            has_phi[reachable.ends] = True
             follow_backward()
         if discount < 1:
-            cycle = _endless(met, ~known & ~terminal)
+            cycle = _endless(reachable, ~has_phi & ~terminal)
             states, first = np.unique(source[cycle], return_index=True)
             by = cycle[first]
             after, weight, total = np.searchsorted(states, target[by]), discount, -f[by]
             while weight > 1e-20:  # the sums over the first 1, 2, 4, ... steps
                 total = total + weight * total[after]
                 after, weight = after[after], weight**2
-            phi[states], known[states] = total, True
+            phi[states], has_phi[states] = total, True
             follow_backward()
         # Rounding errors grow in forward steps, so these come last.
-        while not known.all():
-            ahead = np.flatnonzero(known[source] & ~known[target])
-            if ahead.size:
-                follow(True, ahead)
-            else:  # states that no transition joins with known states have a free number
-                open_ends = np.flatnonzero(~known & terminal)
-                free = (open_ends if open_ends.size else np.flatnonzero(~known))[:1]
+        while not has_phi.all():
+            forward_edges = np.flatnonzero(has_phi[source] & ~has_phi[target])
+            if forward_edges.size:
+                follow(True, forward_edges)
+            else:  # states that no transition joins with has_phi states have a free number
+                open_ends = np.flatnonzero(~has_phi & terminal)
+                free = (open_ends if open_ends.size else np.flatnonzero(~has_phi))[:1]
                 groups += 1
-                slope[free], known[free], group[free] = 1.0, True, groups
+                slope[free], has_phi[free], group[free] = 1.0, True, groups
             follow_backward()
-        left = f - discount * phi[target] + phi[source]
+        residual = f - discount * phi[target] + phi[source]
         if groups:  # least squares decides the free numbers
             change = slope[source] - discount * slope[target]
             steep = np.bincount(group[source], change * change, groups + 1)
-            pull = np.bincount(group[source], change * left, groups + 1)
+            pull = np.bincount(group[source], change * residual, groups + 1)
             best = np.divide(-pull, steep, out=np.zeros_like(pull), where=steep > 1e-18)
             phi = phi + best[group] * slope
-            left = left + best[group[source]] * change
-        return Fit(discount, frozen(phi), left)
+            residual = residual + best[group[source]] * change
+        return Fit(discount, frozen(phi), residual)
 
 
-def _endless(met: Reachable, staying: BoolArray) -> IntArray:
+def _endless(reachable: Reachable, staying: BoolArray) -> IntArray:
     """Return the transitions of paths that can stay for ever in the states `staying`, (S,) bool."""
-    left = np.flatnonzero(staying[met.source] & staying[met.target])
+    edges = np.flatnonzero(staying[reachable.source] & staying[reachable.target])
     while True:
         going_on = np.zeros_like(staying)
-        going_on[met.source[left]] = True
+        going_on[reachable.source[edges]] = True
         if (going_on == staying).all():
-            return left
+            return edges
         staying = going_on
-        left = left[staying[met.source[left]] & staying[met.target[left]]]
+        edges = edges[staying[reachable.source[edges]] & staying[reachable.target[edges]]]
 
 
 # -- sentences -------------------------------------------------------------------------------------
@@ -478,32 +469,32 @@ class Origin:
     sentences: tuple[str, ...]
 
 
-def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
+def origin(task: Any, reachable: Reachable, f: FloatArray) -> Origin:
     """Return the potential behind F, (E,), with sentences; these say why if there is none."""
-    discount, enough = met.mdp.discount, RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
-    plain = fit(met, f, discount)
+    discount, enough = reachable.mdp.discount, RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
+    plain = fit(reachable, f, discount)
     if plain.worst <= enough:
         form = f"F = {discount:g} Phi(s') - Phi(s) with Phi = 0 at the ends"
         return Origin(plain, plain, (f"{form}, to {plain.worst:.1g}",))
-    move = met.source.astype(np.int64) * len(met.met) + met.target
+    move = reachable.source.astype(np.int64) * len(reachable.reached) + reachable.target
     apart, *pair = widest(move[:, None], f)
     if apart > enough:
-        here, there = int(met.source[pair[0]]), int(met.target[pair[0]])
-        sentence = different_by_action(task, here, there, f[pair], met.action[pair])
+        state, next_state = int(reachable.source[pair[0]]), int(reachable.target[pair[0]])
+        sentence = different_by_action(task, state, next_state, f[pair], reachable.action[pair])
         return Origin(plain, None, (sentence,))
-    open_ended = fit(met, f, discount, ends_are_zero=False)
+    open_ended = fit(reachable, f, discount, ends_are_zero=False)
     if open_ended.worst > enough:
         worst = int(abs(plain.residual).argmax())
-        here, there = int(met.source[worst]), int(met.target[worst])
-        by_there = f[worst] - discount * plain.potential[there]
+        state, next_state = int(reachable.source[worst]), int(reachable.target[worst])
+        by_next = f[worst] - discount * plain.potential[next_state]
         sentence = (
-            f"not potential-based: from {state_name(task.states, here)} on, the discounted sum of "
-            f"F is {by_there + 0.0:.4g} by way of {state_name(task.states, there)} and "
-            f"{0.0 - plain.potential[here]:.4g} on another path; with a potential it is -Phi on "
+            f"not potential-based: from {state_name(task.states, state)} on, the discounted sum of "
+            f"F is {by_next + 0.0:.4g} by way of {state_name(task.states, next_state)} and "
+            f"{0.0 - plain.potential[state]:.4g} on another path; with a potential it is -Phi on "
             "every path"
         )
         return Origin(plain, None, (sentence,))
-    ends = met.ends[abs(open_ended.potential[met.ends]) > enough]
+    ends = reachable.ends[abs(open_ended.potential[reachable.ends]) > enough]
     return Origin(plain, open_ended, (nonzero_ends(task, ends, open_ended.potential[ends]),))
 
 
@@ -518,36 +509,16 @@ def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray, rule: str = ", must
     return "; ".join(parts)
 
 
-def different_by_action(task: Any, here: int, there: int, f: FloatArray, actions: AnyInts) -> str:
+def different_by_action(
+    task: Any, state: int, next_state: int, f: FloatArray, actions: AnyInts
+) -> str:
     """Return the sentence about a transition with different F, (2,), by two actions, (2,)."""
     names = (action_name(task.actions, int(action)) for action in actions)
     by = " and ".join(f"{paid:.4g} by {name}" for paid, name in zip(f, names, strict=True))
     return (
-        f"not potential-based: from {state_name(task.states, here)} to "
-        f"{state_name(task.states, there)}, F is {by}; with a potential the action does not matter"
-    )
-
-
-def several_entries(
-    task: Any, pairs: tuple[AnyInts, AnyInts, AnyInts], phi: FloatArray, starts: IntArray
-) -> tuple[float, str | None]:
-    """Return how far phi, (n,), of transitions into a state differs, and a sentence if it does."""
-    source, action, target = pairs
-    entered = np.append(target, starts)
-    phi = np.append(phi, np.zeros(len(starts)))
-    apart, *ways = widest(entered[:, None], phi)
-    if apart == 0:
-        return apart, None
-    entries = [
-        f"with phi = {phi[i]:.4g} from {state_name(task.states, int(source[i]))} by "
-        f"{action_name(task.actions, int(action[i]))}"
-        if i < len(source)
-        else "with phi = 0 where an episode starts"
-        for i in ways
-    ]
-    return apart, (
-        "look-back advice keeps the optimum for certain only where all ways into a state have one "
-        f"phi: {state_name(task.states, int(entered[ways[0]]))} is entered {' and '.join(entries)}"
+        f"not potential-based: from {state_name(task.states, state)} to "
+        f"{state_name(task.states, next_state)}, F is {by}; with a potential the action does not "
+        "matter"
     )
 
 

@@ -249,14 +249,11 @@ def run(
     ] = None,
     processes: Annotated[bool, Option("--processes", help="Processes instead of threads.")] = False,
     on: Annotated[
-        str | None, Option(help="A cluster: dask or ray, or dask://host:8786, ray://host:10001.")
+        str | None, Option(help="A Dask cluster: dask, or its scheduler, as dask://host:8786.")
     ] = None,
     shard: Annotated[
         str, Option(help="i/n: the i-th of n parts of the seeds, to be merged later.")
     ] = "1/1",
-    track: Annotated[
-        list[str] | None, Option(help="Also log curves in a tool: tensorboard.")
-    ] = None,
     resume: Annotated[bool, Option("--resume", help="Go on with the units in the folder.")] = False,
     show_page: Annotated[
         bool, Option("--open", help="Open report.html, which is written anew as units end.")
@@ -291,7 +288,7 @@ def run(
     if few := too_few(study, Arms.of(study)):
         echo(f"curricle: {few}", err=True)
     how: dict[str, Any] = {"resume": resume, "workers": workers}
-    how |= {"processes": processes, "on": on, "shard": part, "trackers": track or []}
+    how |= {"processes": processes, "on": on, "shard": part}
     results = run_with_bars(study, folder, page=show_page, **how)
     report = f", curricle report {quote(folder)}" * results.has_baseline
     echo(f"Stored in {folder}: curricle show {quote(folder)}{report}")
@@ -321,22 +318,6 @@ def audit(
     made = audited(study, folder, trials=trials, run=run_with_bars)
     print(made.text(table_width()))
     echo(f"Open {write_audit(made, Path(folder) / 'audit.html')}")
-
-
-@app.command()
-def watch(
-    folder: Folder,
-    out: Annotated[Path | None, Option(help="The page; in a temporary folder by default.")] = None,
-) -> None:
-    """Open a study's report, and write it anew while units are stored, until the run is over.
-
-    It only reads the folder, so the study may run anywhere. Ctrl-C ends it, but not the run.
-    """
-    from curricle.cli.progress_bars import watch_results
-    from curricle.study import StudyResults
-
-    StudyResults(folder)  # refused before a page is opened
-    watch_results(folder, out)
 
 
 @app.command()

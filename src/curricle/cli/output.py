@@ -10,31 +10,26 @@ import numpy as np
 
 from curricle.arrays import FloatArray
 from curricle.checks import one_of
-from curricle.comparison.comparison import ARM_MEASURES
-from curricle.comparison.forecasting import JudgedPotentials, forecast
-from curricle.comparison.plan import numbered_seeds
+from curricle.comparison.cost import Cost, costs, examining_seconds
+from curricle.comparison.forecasting import forecast
+from curricle.comparison.plan import Memory, numbered_seeds
+from curricle.comparison.sentences import EXPLAINED
 from curricle.comparison.trial import hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues
 from curricle.errors import CurricleError, SettingError, StoreError
 from curricle.files import Place, place_at
-from curricle.planning.policy_evaluation import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig, rivals
-from curricle.study.cost import Cost, costs, sweeping_seconds, total_words
 from curricle.study.results import StudyResults
-from curricle.study.running import Done, usable_units
-from curricle.study.store import StudyStore, check_ours, holds_study
+from curricle.study.running import usable_units
+from curricle.study.store import Finished, StudyStore, check_ours, holds_study
 from curricle.study.tuning import effects_of, tuned_before, tuning_words
 from curricle.study_file.vary import value_text
 from curricle.tasks.live import is_live
-from curricle.tasks.mdp import generative_model, has_tables
-from curricle.tasks.observation_task import is_observation_task
 from curricle.text import UNBOUNDED, counted, duration, text_table
-from curricle.transfer.aggregate import COMPARED
-from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
 from curricle.transfer.transfer import transfer_names
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----
@@ -73,7 +68,6 @@ def wrapped(text: str, indent: int = 0) -> str:
 
 # -- What the words under ``curricle check``, ``show`` and ``compare`` mean; the one place of it ---
 
-INTERVAL = "[low, high]"
 EXPLANATIONS = {
     "arm": "one of the ways to learn the target that the study compares",
     "scratch": "the arm that learns the target without any source",
@@ -81,25 +75,11 @@ EXPLANATIONS = {
     "greedy return": "the mean return of an episode in which the best known action is always taken",
     "charged": "steps in sources count as steps of the arm, which starts that much later",
     "evaluations are free": "steps of episodes that only measure the policy are not counted",
-    "steps to threshold": "steps until the greedy return, smoothed, reaches the threshold, "
-    'sources included; "> 1,000 (2 never)": 2 seeds do not get there, so the mean is more',
-    "threshold": "the return that counts as learnt; by default nine tenths of the way from the "
-    "random policy's to the optimum",
-    **{measure.head: measure.meaning for measure in ARM_MEASURES.values()},
-    INTERVAL: "after a number: its interval of 95 % confidence over seeds",
-    "strong gain": "mean return above the best opponent's, source steps charged (strong transfer)",
-    "weak gain": "the same with the source steps free (weak transfer)",
-    "verdict": "whether the arm gains more than each opponent, by a test over the seeds",
-    "p =": "the probability of such a difference by chance, corrected for the number of arms",
+    **EXPLAINED,
     "whole checkpoints": "budgets are rounded up to a multiple of the steps between evaluations",
     "phi": "the potential: the sources' value of each state and action of the target",
     "gain": "strong gain in a trial, the comparison played in the model beforehand",
-    "start": "greedy return of phi alone, before the first step of learning",
-    "phi > Q*": "share of state-action pairs whose phi is above their optimal value",
-    "excess": "the mean of phi - Q*; above 0 phi is optimistic",
-    "rank": "rank correlation of phi and Q*: 1 is the right order everywhere, 0 none",
-    "scale": "the factor with which phi would fit the returns of its own greedy policy; "
-    '"none" if nothing fits',
+    "own policy": "what the greedy policy of phi returns before the first step of learning",
     "mapped": "pairs of the target that have a counterpart in the source",
     "unmapped": "pairs of which the source knows nothing",
     "learnt": "how far a source came from the random policy's return to its optimum",
@@ -255,8 +235,8 @@ def _mean_and_deviation(returns: FloatArray) -> str:
 def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
     """Print each arm's graph, cost and forecast, the whole of it with `forecast`."""
     arms = Arms.of(study)
-    units = len(units_of(study, arms, {}))
-    numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (units, "unit")
+    units = units_of(study, arms, {})
+    numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (len(units), "unit")
     print_text(f"{study.name}: {', '.join(counted(*number) for number in numbers)}")
     swept: dict[str, dict[str, None]] = {}
     for variant in (study.variants or {}).values():
@@ -273,7 +253,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
         between = "; " if study.variants else ", "
         print(f"\narm{'s' * (len(names) > 1)} {between.join(names)}", *lines, sep="\n")
     print()
-    costing = costs(study, arms)
+    costing = costs(arms, units)
     rows = [
         (f"{cost.arm}: {cost.task}", f"{cost.seeds}", f"{cost.steps:,}", duration(cost.seconds))
         for cost in costing
@@ -286,7 +266,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
         sources = any(curriculum.transfers for curriculum in arms.curricula.values())
         print_text(total_words(arms.target, *steps, sources=sources))
     if study.tune is not None:
-        number, tried = len(study.tune.variants), Arms.of(study.of_trials())
+        number, tried = len(study.tune.variants), Arms.of(study.trials)
         runs = number * len(study.tune.seeds)
         seconds = runs * sum(cost.seconds / cost.seeds for cost in costing) / len(arms.curricula)
         print_text(
@@ -302,6 +282,13 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
     except SettingError as error:
         print_text(str(error))
     print_forecasts(study, arms, costing, forecast)
+
+
+def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources: bool) -> str:
+    """Return a sentence on the steps of every arm, and why they exceed the target's budget."""
+    spent = f"every arm spends {counted(total, 'step')}"
+    why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
+    return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
 
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
@@ -343,31 +330,28 @@ def units_left(study: StudyConfig, path: str | Place, shard: tuple[int, int]) ->
             f"first of all {counted(len(study.tune.variants), 'trial')}; what follows is then "
             "trained with the best settings, not with those of the file"
         )
-    done: Done = {}
+    done: Finished = {}
     if holds_study(place_at(path)):
         done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
         yield from remarks
-    left = units_of(study, arms, done, shard)
-    for unit in left:
+    missing = units_of(study, arms, done, shard)
+    for unit in missing:
         most = arms.curricula[unit.arm].node(unit.task).most_steps
         yield f"{unit.label}: {counted(most, 'step')} at most"
-    done_before = len(units_of(study, arms, {}, shard)) - len(left)
-    yield f"{counted(len(left), 'unit')} to do, {done_before} done, in {path}"
+    done_before = len(units_of(study, arms, {}, shard)) - len(missing)
+    yield f"{counted(len(missing), 'unit')} to do, {done_before} done, in {path}"
 
 
 # -- The forecasts that ``curricle check`` prints --------------------------------------------------
 #
-# They are those of ``curricle.forecast``: a trial in the model, and potentials from sources trained
-# at their budgets for the study's first seeds, which takes seconds and is said beforehand; where it
-# would take too long, from sources that are solved, as if learnt perfectly.
+# They are those of ``curricle.forecast``: a trial in the model, and sources trained at their
+# budgets for the study's first seeds, which takes seconds and is said beforehand.
 
 LONGEST = 5.0  # estimated seconds, on one processor, up to which sources are trained for a forecast
 LONGEST_DISTILLED = 60.0  # the same where networks are distilled: there is no forecast without them
-LONGEST_COMPARING = 300.0
-"""Seconds that comparing potentials in the target may take: nearly all episodes end long before the
-limit by which they are estimated."""
-ACTION_SECONDS = 4e-9  # of reading phi for an action at a step of a rollout, from two sources
-PASSES = 4  # a live target is played for its source, the start, the values and their calibration
+LONGEST_EXAMINING = 300.0
+"""Seconds that examining sources and a live target may take: nearly all episodes end long before
+the limit by which they are estimated."""
 SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
@@ -382,7 +366,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
     by_key = {arms.keys[cost.arm, cost.task]: cost.seconds / cost.seeds for cost in costing}
     a_step = next(cost.step_seconds for cost in costing if cost.task == arms.target)
     # Sources that several arms share are trained once.
-    judged, known = JudgedPotentials(), dict[tuple[str, tuple[int, ...]], SourceValues]()
+    memory, trained = Memory(), dict[tuple[str, tuple[int, ...]], SourceValues]()
     for name in first.values():
         # Not the curriculum in `arms`, whose target has the total: a trial adds sources' steps.
         curriculum = study.curricula[name]
@@ -390,11 +374,11 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
             continue
         print(f"\narm {name}")
         most = min(SEEDS, len(study.seeds))
-        comparing = most * _comparing_seconds(curriculum, a_step)
-        if comparing > LONGEST_COMPARING and not whole:
+        examining = most * examining_seconds(curriculum, a_step)
+        if examining > LONGEST_EXAMINING and not whole:
             print_text(
-                f"no forecast: to compare the potentials in {arms.target} could take "
-                f"{duration(comparing)}; curricle check --forecast does it, and curricle.forecast "
+                f"no forecast: to examine its sources and {arms.target} could take "
+                f"{duration(examining)}; curricle check --forecast does it, and curricle.forecast "
                 "also with fewer episodes"
             )
             continue
@@ -403,56 +387,28 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
         a_seed = sum(by_key[key] for key in {*keys.values()})
         longest = np.inf if whole else LONGEST_DISTILLED if distilled else LONGEST
         seeds = next((study.seeds[:n] for n in (most, 1) if n * a_seed <= longest), ())
-        there = {source: known[key, seeds] for source, key in keys.items() if (key, seeds) in known}
-        how: Any = {"seeds": seeds, "trained": there, "threshold": study.threshold}
-        how |= rivals(study)
-        if whole and not hindrance(curriculum):
-            how["trial"] = True
         if not seeds:
-            work = f"training {', '.join(keys)} for one seed could take {duration(a_seed)}"
-            if not all(has_tables(curriculum.tasks[source]) for source in keys):
-                print_text(f"no forecast: {work}; curricle check --forecast makes it")
-                continue
-            how = {"perfect": True}
             print_text(
-                f"{work}, so this forecast is for sources learnt perfectly; --forecast trains them"
+                f"no forecast: training {', '.join(keys)} for one seed could take "
+                f"{duration(a_seed)}; curricle check --forecast makes it"
             )
-        elif untrained := [source for source in keys if source not in there]:
-            live = PASSES * comparing * is_live(curriculum.tasks[arms.target])
+            continue
+        shared = {
+            source: trained[key, seeds] for source, key in keys.items() if (key, seeds) in trained
+        }
+        if untrained := [source for source in keys if source not in shared]:
+            live = examining * is_live(curriculum.tasks[arms.target])
             took = duration(len(seeds) * sum(by_key[keys[source]] for source in untrained) + live)
             took += " after tabulating what is distilled" * distilled
             work = f"{', '.join(untrained)} for {counted(len(seeds), 'seed')}"
             print_text(f"training {work}, for the forecast: about {took}")
         sys.stdout.flush()
+        trial = True if whole and not hindrance(curriculum) else None
+        how: Any = {"threshold": study.threshold, "trial": trial, "memory": memory, **rivals(study)}
         try:
-            made = forecast(curriculum, judged=judged, **how)
+            made = forecast(curriculum, seeds=seeds, trained=shared, **how)
         except (CurricleError, ImportError) as error:
             print_text(f"no forecast: {error}")
             continue
         print(made.text(line_width()))
-        if seeds:
-            known |= {(keys[source], seeds): values for source, values in made.trained.items()}
-
-
-def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
-    """Return the most seconds a seed that judging an arm's potentials and sources takes."""
-    node, edges = curriculum.node(curriculum.target), curriculum.in_edges(curriculum.target)
-    potentials = len(COMPARED) + 1 + len(edges) if len(edges) > 1 else 1
-    try:
-        horizon = node.evaluation.horizon(node.task)
-    except SettingError:  # which the forecast will say
-        return 0.0
-    if node.deep:
-        return potentials * OBSERVATION_ROLLOUTS * horizon * step_seconds
-    model = generative_model(node.task)
-    pairs = model.states.size * model.actions.size
-    sources = [curriculum.tasks[name] for name in {edge.source for edge in edges}]
-    solving = sum(
-        sweeping_seconds(source, generative_model(source).states.size)
-        for source in sources
-        if not is_observation_task(source) and has_tables(source)
-    )
-    if has_tables(node.task) and pairs <= LARGEST_SOLVED and pairs * horizon <= LARGEST_EVALUATED:
-        return solving
-    rollouts = ROLLOUTS * horizon * (step_seconds + model.actions.size * ACTION_SECONDS)
-    return solving + potentials * rollouts
+        trained |= {(keys[source], seeds): values for source, values in made.trained.items()}

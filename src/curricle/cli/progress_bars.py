@@ -6,12 +6,9 @@ Without a terminal it prints a line for each unit, or at most a line a second on
 import os
 import sys
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from pathlib import Path
-from subprocess import Popen
-from tempfile import mkdtemp
 from threading import Thread
 from typing import Any
 
@@ -19,13 +16,14 @@ import typer
 from rich.console import Console
 
 from curricle.files import Place, place_at
-from curricle.progress import Bars, compilation, shown
+from curricle.progress import Bars, compilation, nothing, shown
 from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.results import StudyResults
 from curricle.study.running import Pace, Progress, run_study, shown_units
 from curricle.study.tuning import with_trials
-from curricle.study.workers import WorkerProcesses
+from curricle.study.workers import WorkerProcesses, dask_cluster
+from curricle.text import counted
 
 # -- Running a study from the command line: bars on a terminal, and lines where there is none ------
 
@@ -68,44 +66,56 @@ def run_with_bars(
 ) -> StudyResults:
     """Run a study, show its progress and, with `page`, its report so far; return its results."""
     compilation().prints = True
-    pace, watchers = Pace(), list[Popen[bytes]]()
+    pace = Pace()
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:
         show_units = ending.enter_context(shown_units(progress, pace, pace.line))
+        write_page = ending.enter_context(_page_of_run(path, pace)) if page else nothing
 
         def show(progress: Progress) -> None:
             show_units(progress)
-            if page and not watchers:  # not before: a folder that a run is refused stays as it is
-                from curricle.show.report import default_page  # with Matplotlib
+            write_page()
 
-                out = default_page(place_at(path))
-                command = [sys.executable, "-m", "curricle", "watch", str(path), "--out", str(out)]
-                watchers.append(ending.enter_context(Popen(command)))  # which ends as the run does
-
-        if on is None and (
-            processes or any(arms.serial for arms in with_trials(study, Arms.of(study)))
-        ):
+        count: int | Callable[[], int] | None = workers
+        if on is not None:
+            cluster = ending.enter_context(dask_cluster(on, workers))
+            settings["executor"], count = cluster.executor, cluster.workers
+            link = f", {cluster.link}" if cluster.link else ""
+            typer.echo(f"{on}: {counted(cluster.workers(), 'worker')}{link}", err=True)
+        elif processes or any(arms.serial for arms in with_trials(study, Arms.of(study))):
             settings["executor"] = pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        return run_study(study, path, workers=workers, on=on, progress=show, **settings)
+        return run_study(study, path, workers=count, progress=show, **settings)
 
 
-def watch_results(folder: str, out: Path | None) -> None:
-    """Show the report of a folder until the run, of another process, is over."""
-    from curricle.show.report import InterimReport, default_page  # with Matplotlib
+@contextmanager
+def _page_of_run(path: str | Place, pace: Pace) -> Iterator[Callable[[], None]]:
+    """Yield a function that writes the page of a run anew; in the end it is the report."""
+    from curricle.show.report import InterimReport, default_page, write_report  # with Matplotlib
 
-    if out is None:
-        out = Path(mkdtemp(prefix="curricle-")) / default_page(place_at(folder)).name
-    InterimReport(folder, Pace().line_of, _complain, open_page, out).watch()
-    typer.echo(f"The run is over: {out}")
+    out = default_page(place_at(path))
+    live, begun = InterimReport(path, out, _complain), False
 
+    def write() -> None:
+        nonlocal begun
+        live.refresh(pace.line())
+        if not begun:
+            begun = True
+            typer.echo(f"Open {out}: it is written anew as units end, and read again by itself.")
+            if has_windows():  # not waited for: some browsers end when they are closed
+                address = out.resolve().as_uri()
+                Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
-def open_page(path: Path) -> None:
-    """Print where a page is, and open it where there is a browser with windows."""
-    typer.echo(f"Open {path}: it is written anew as units end, and read again by itself.")
-    if has_windows():  # not waited for: some browsers end when they are closed
-        address = path.resolve().as_uri()
-        Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    try:
+        yield write
+    except Exception:  # an interrupt is none: it does not wait for a page
+        if begun:  # a folder that a run is refused stays as it is
+            live.refresh(f"The run is over: {pace.line()}", over=True)
+        raise
+    if StudyResults(path).has_baseline:
+        write_report(path, out)
+    else:
+        live.refresh(f"The run is over: {pace.line()}", over=True)
 
 
 def has_windows() -> bool:

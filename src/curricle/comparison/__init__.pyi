@@ -1,15 +1,11 @@
-from .comparison import (
-    Arm as Arm,
-    Comparison as Comparison,
-    Contrast as Contrast,
-    Reference as Reference,
-    compare as compare,
-)
+from .choice import Choice as Choice, choose as choose
+from .comparison import Comparison as Comparison, compare as compare
 from .forecasting import (
     Forecast as Forecast,
     forecast as forecast,
     source_learning as source_learning,
 )
+from .measures import Arm as Arm, Contrast as Contrast, Reference as Reference
 from .task_differences import differences as differences
 from .trial import Trial as Trial
 from .verdicts import Verdict as Verdict, seeds_needed as seeds_needed, verdicts_of as verdicts_of

@@ -8,7 +8,6 @@
   without it. If it helps as much, any values do.
 - ``constant``: adds the opponent of this name (:mod:`curricle.comparison.opponents`) where the
   setting ``opponents`` leaves it out.
-- ``scaled``: phi halved, and phi doubled. If either is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
 - ``unrelated``: the source's task with the outcomes of its pairs exchanged at random, its exact
   values read by the best mapping that a search finds. If it helps as much, the search helped,
@@ -16,7 +15,7 @@
 
 The values of a ``placebo`` say nothing about the task. An observation task has no numbered states:
 it has no ``random_start``, and a ``placebo`` only of miniatures, which gives each observation the
-answer of another observation. ``scaled`` needs no dense tables.
+answer of another observation. ``negated`` needs no dense tables.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,7 +28,7 @@ from curricle.arrays import IntArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues
 from curricle.deep.miniature import Miniatures
-from curricle.errors import CurriculumError, MappingError
+from curricle.errors import CurriculumError
 from curricle.learning.potential import PairPotential, StateActionPotential
 from curricle.learning.result import LearningResult, joined_results
 from curricle.learning.stopping import StoppingRule
@@ -37,19 +36,17 @@ from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import live_pairs, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.by_components import identity
-from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 from curricle.transfer.pair import TaskPair
-from curricle.transfer.potential import ObservationPotential
+from curricle.transfer.potential import AnyPotential
 from curricle.transfer.search import find_mappings
 from curricle.transfer.transfer import Transfer
 
-Control = Literal[
-    "random_start", "pretraining", "placebo", "constant", "scaled", "negated", "unrelated"
-]
+Control = Literal["random_start", "pretraining", "placebo", "constant", "negated", "unrelated"]
 CONTROLS: tuple[Control, ...] = get_args(Control)
 PLACEBO, ALONE = "placebo", "placebo, alone"
 UNRELATED = "unrelated"
-WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
+WITHOUT_TABLES = ("constant", "negated")  # controls that need no dense tables of the target
 SOURCE = "control source"
 
 
@@ -66,7 +63,7 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
         tables(curriculum.tasks[name])
         if curriculum.setting("storage", name).kind == "sparse":
             raise CurriculumError(
-                "controls other than 'scaled' need dense tables of the target: the "
+                "controls other than 'negated' need dense tables of the target: the "
                 f"storage of {name!r} is sparse in arm {arm!r}"
             )
         for edge in curriculum.in_edges(name) if UNRELATED in controls else ():
@@ -136,18 +133,11 @@ Change = Callable[[Any, int], AnyPotential]  # phi, seed -> the changed phi
 CHANGES: dict[str, Change] = {
     PLACEBO: lambda phi, seed: _shuffled(phi, seed),
     ALONE: lambda phi, seed: _shuffled(phi, seed),
-    "scaled x 0.5": lambda phi, _: phi.rescaled(0.5),
-    "scaled x 2": lambda phi, _: phi.rescaled(2.0),
-    "negated": lambda phi, _: (
-        phi.rescaled(-1.0)
-        if isinstance(phi, ObservationPotential)
-        else StateActionPotential(phi.task, -phi.values)
-    ),
+    "negated": lambda phi, _: phi.rescaled(-1.0),
 }
 """Label of a control -> the function by which it changes a potential."""
 LABELS: dict[Control, tuple[str, ...]] = {
     "placebo": (PLACEBO, ALONE),
-    "scaled": ("scaled x 0.5", "scaled x 2"),
     "negated": ("negated",),
     "unrelated": (UNRELATED,),
     "random_start": ("random start",),
@@ -184,7 +174,6 @@ def train_control(
     sources: Mapping[str, SourceValues],
     spent: IntArray,
     potentials: Sequence[AnyPotential] = (),
-    calibrations: Sequence[Calibration] = (),
     **how: Any,
 ) -> LearningResult:
     """Return the results of seeds in a control arm's target."""
@@ -198,8 +187,8 @@ def train_control(
             some, node = numbers % DRAWS == draw, curriculum.node(name)
             taken, edges = unrelated_transfers(curriculum, numbers[some].tolist(), draw)
             some_seeds, charged = taken[edges[0].source].seeds, spent[some]
-            phi, fitted = curriculum.entering(name, taken, some_seeds, charged, edges)
-            parts.append(node.train(some_seeds, phi, calibrations=fitted, charged=charged, **how))
+            phi = curriculum.potentials(name, taken, transfers=edges)
+            parts.append(node.train(some_seeds, phi, charged=charged, **how))
         return joined_results(parts)
     if label not in CHANGES:
         parts = []
@@ -209,10 +198,9 @@ def train_control(
             parts.append(changed_source.train(some, charge=True, **how)[name])
         return joined_results(parts)
     if not potentials:
-        potentials, calibrations = curriculum.entering(name, sources, seeds, spent)
+        potentials = curriculum.potentials(name, sources)
     changed = [CHANGES[label](phi, k) for phi, k in zip(potentials, seeds, strict=True)]
-    node = curriculum.node(name)
-    return node.train(seeds, changed, calibrations=calibrations, charged=spent, **how)
+    return curriculum.node(name).train(seeds, changed, charged=spent, **how)
 
 
 DRAWS = 3  # unrelated tasks, which seeds take in turn, since some may be easier to map
@@ -229,14 +217,13 @@ def unrelated_transfers(
         rng = np.random.default_rng([draw, 2])
         rows[live] = rng.permutation(rows[live])
         task = replace(mdp, outcome_row=rows)
-        if not len(best := find_mappings(target, task, keep=1)):
-            raise MappingError(
-                f"a control {UNRELATED!r} needs a mapping from a random task of the size of "
-                f"{edge.source!r}: no search finds any"
-            )
-        mapping, fits = best[0].mapping, best[0].unmapped_value
-        if fits is not None and edge.mapping.unmapped_value is not None:
-            mapping = mapping.with_unmapped_value(fits)
+        best = find_mappings(target, task, keep=1)
+        if len(best):
+            mapping, fits = best[0].mapping, best[0].unmapped_value
+            if fits is not None and edge.mapping.unmapped_value is not None:
+                mapping = mapping.with_unmapped_value(fits)
+        else:  # no search finds any, so that an unrelated task tells nothing
+            mapping = StateActionMapping(target, task, np.full_like(edge.mapping.index, UNMAPPED))
         edges.append(replace(edge, mapping=mapping))
         values = TaskPair(target, task).source_solution.action_values
         copies = np.broadcast_to(values, (len(seeds), *values.shape))

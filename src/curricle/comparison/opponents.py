@@ -28,9 +28,10 @@ from curricle.learning.result import LearningResult
 from curricle.learning.shaping import QInitialisation
 from curricle.planning.rollouts import random_rollouts
 from curricle.statistics.curves import SCRATCH
-from curricle.tasks.mdp import generative_model, has_tables, reachable_states, tables
+from curricle.tasks.graph import reachable_states
+from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.observation_task import is_observation_task
-from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.potential import AnyPotential
 
 Opponent = Literal["constant", "bounds", "optimistic"]
 OPPONENTS: tuple[Opponent, ...] = get_args(Opponent)
@@ -42,7 +43,7 @@ CONSTANTS: dict[str, Callable[[FloatArray], Any]] = {
 """Label of a constant -> the initial Q, computed from phi of the pairs that learning can visit."""
 
 
-def check_opponents(opponents: Any) -> tuple[Opponent, ...]:
+def check_opponents(opponents: object) -> tuple[Opponent, ...]:
     """Return opponents as a tuple, or raise SettingError."""
     if isinstance(opponents, str) or not isinstance(opponents, Collection):
         raise SettingError(f"opponents must be a list of names: got {opponents!r}")
@@ -56,7 +57,7 @@ def check_opponents(opponents: Any) -> tuple[Opponent, ...]:
 Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, by name in a dict
 
 
-def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
+def from_scratch(curriculum: Curriculum, learner: object = None) -> Curriculum:
     """Return a curriculum's target without its sources, by default with its own learner."""
     target = curriculum.target
     which = [setting for setting in SETTINGS if setting not in OF_TARGETS]
@@ -97,7 +98,7 @@ def unasked_learners(
     """Yield the learners of ``bounds`` and ``optimistic`` that no arm from scratch has yet."""
     usual = scratches[SCRATCH]
     task, learner = usual.tasks[usual.target], usual.setting("learner", usual.target)
-    known = [arm.setting("learner", arm.target) for arm in scratches.values()]
+    learners_so_far = [arm.setting("learner", arm.target) for arm in scratches.values()]
     if not starts_anywhere(learner) or not has_tables(task) or is_large(usual):
         return
     learners = list[Learner]()
@@ -109,14 +110,14 @@ def unasked_learners(
             OptimisticQLearning().for_task(task)
             learners.append(OptimisticQLearning())
     for opponent in learners:
-        if opponent not in known:
-            known.append(opponent)
+        if opponent not in learners_so_far:
+            learners_so_far.append(opponent)
             bound = not opponent.asks_task
             name = f"initial_value={opponent.initial_value:.4g}" if bound else _name(opponent)
             yield name, from_scratch(usual, opponent)
 
 
-def starts_anywhere(learner: Any) -> bool:
+def starts_anywhere(learner: object) -> bool:
     """Return whether a learner's Q can start at any constant."""
     return isinstance(learner, Learner) and not learner.asks_task
 
@@ -128,7 +129,7 @@ def is_large(curriculum: Curriculum) -> bool:
     return sparse or model.states.size * model.actions.size > MOST_SHARED
 
 
-def _name(learner: Any) -> str:
+def _name(learner: object) -> str:
     """Return a learner as text, with the settings that are not the defaults of its class."""
     parts = []
     for setting in fields(learner) if is_dataclass(learner) else ():

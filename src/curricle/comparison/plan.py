@@ -2,17 +2,19 @@
 
 All arms have one target and spend the same total of steps, sources included. Each task of each arm
 has a key. Equal keys mean equal results, which arms then share. A unit is a task of an arm for some
-seeds; it is trained after its sources. If a unit fails, the arms that need it are given up. A
-comparison trains units in turn in memory (`Memory`); a study sends units to workers and stores
-their results (`study.running`).
+seeds; it is trained after its sources. If a unit fails, the arms that need it are given up. One
+function runs all units (`trained_units`): a comparison keeps their results in memory (`Memory`), a
+study sends units to workers and keeps them in its folder (`study.running`).
 """
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import groupby
+from graphlib import TopologicalSorter
+from heapq import heappop, heappush
+from itertools import groupby, product
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -29,15 +31,14 @@ from curricle.comparison.opponents import (
 from curricle.comparison.task_differences import differences
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum, Node
 from curricle.curriculum.result import SourceValues
-from curricle.errors import CurriculumError, SettingError
+from curricle.errors import CurriculumError, LostStoreError, SettingError
 from curricle.learning.result import LearningResult
-from curricle.planning.rollouts import random_step_seconds
 from curricle.progress import Bars
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr, duration
-from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.text import brief_repr
+from curricle.transfer.potential import AnyPotential
 from curricle.transfer.transfer import Transfer, same_transfer
 
 Dependencies = Mapping[str, Any]  # all on which a task's result depends, except the seed
@@ -49,11 +50,11 @@ class Unit:
 
     # Units with equal keys have equal results for equal seeds. In a study the key is a hash of
     # `dependencies`.
-    key: Any
+    key: str
     arm: str  # the first arm that needs the unit
     task: str
     seeds: tuple[int, ...]  # ascending
-    sources: Mapping[str, Any] = field(hash=False)  # task trained for these seeds before -> its key
+    sources: Mapping[str, str] = field(hash=False)  # task trained for these seeds before -> its key
     dependencies: Dependencies = field(hash=False, repr=False)  # what the key hashes
     snapshots: int  # number of value tables of the first seed to keep during training
 
@@ -83,7 +84,7 @@ class PlannedArm:
     """An arm that is to be trained."""
 
     curriculum: Curriculum  # its target's budget is the plan's total, if the plan has a total
-    keys: Mapping[str, Any]  # of each task
+    keys: Mapping[str, str]  # of each task
     dependencies: Mapping[str, Dependencies] = field(default_factory=dict)  # of each task
     scratch: bool = False  # whether it learns the target without sources, for all steps
     # The label of a control or constant, which changes another arm; empty for other arms.
@@ -91,7 +92,7 @@ class PlannedArm:
     of: str = ""  # the arm that it changes
 
 
-KeysOf = Callable[[str, Curriculum, str], tuple[Mapping[str, Any], Mapping[str, Dependencies]]]
+KeysOf = Callable[[str, Curriculum, str], tuple[Mapping[str, str], Mapping[str, Dependencies]]]
 """(arm without its change, curriculum, change) -> the keys and the dependencies of its tasks."""
 
 
@@ -167,9 +168,9 @@ class Plan:
     @property
     def steps(self) -> tuple[int, int]:
         """The target's budget and the total, where arms are compared."""
-        steps: Any = self.budget, self.total
-        assert None not in steps, "arms are compared at a number of steps"
-        return steps[0], steps[1]
+        assert self.budget is not None, "arms are compared at a number of steps"
+        assert self.total is not None, "arms are compared at a number of steps"
+        return self.budget, self.total
 
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:
@@ -177,7 +178,7 @@ class Plan:
         return {name: arm.curriculum for name, arm in self.arms.items()}
 
     @cached_property
-    def keys(self) -> dict[tuple[str, str], Any]:
+    def keys(self) -> dict[tuple[str, str], str]:
         """The key of each task of each arm."""
         return self._by_task("keys")
 
@@ -191,7 +192,7 @@ class Plan:
         return {(name, task): x for name, arm in arms for task, x in getattr(arm, mapping).items()}
 
     @cached_property
-    def needs(self) -> dict[tuple[str, str], Any]:
+    def needs(self) -> dict[tuple[str, str], str]:
         """The keys that each arm needs: its keys, and the target's key of the arm it changes."""
         controls = {name: arm.of for name, arm in self.arms.items() if arm.of}
         beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
@@ -213,38 +214,24 @@ class Plan:
             for task in curriculum.tasks.values()
         )
 
-    def changed(self, unit: Unit) -> Any:
-        """Return the target's key of the arm that a unit changes; None if it changes no arm."""
+    def changed(self, unit: Unit) -> str:
+        """Return the target's key of the arm that a unit changes; empty if it changes no arm."""
         of = self.arms[unit.arm].of
-        return self.arms[of].keys[unit.task] if of and unit.task == self.target else None
+        return self.arms[of].keys[unit.task] if of and unit.task == self.target else ""
 
-    def read_by(self, unit: Unit) -> set[Any]:
+    def read_by(self, unit: Unit) -> set[str]:
         """Return the keys whose results a unit reads: its sources', and that of the changed arm."""
-        return {*unit.sources.values(), self.changed(unit)} - {None}
+        return {*unit.sources.values(), self.changed(unit)} - {""}
 
     def without(self, arms: Collection[str]) -> Self:
         """Return the plan without some arms, their controls and constants."""
         kept = {name: arm for name, arm in self.arms.items() if not {name, arm.of} & set(arms)}
         return replace(self, arms=kept)
 
-    def live_words(self, seeds: Collection[int]) -> str:
-        """Return how long steps in live tasks will take, by a few random steps; '' without any."""
-        # A table's update takes no time beside a step of an environment in Python.
-        seconds, paces = 0.0, dict[int, float]()
-        for unit in self.units(seeds, {}):
-            node = self.arms[unit.arm].curriculum.node(unit.task)
-            if not node.deep and is_live(node.task):
-                if id(node.task) not in paces:
-                    paces[id(node.task)] = random_step_seconds(node.task)
-                steps = node.most_steps + node.most_evaluation_steps
-                seconds += len(unit.seeds) * steps * paces[id(node.task)]
-        sentence = f"steps in live environments will take at most about {duration(seconds)}"
-        return sentence if seconds else ""
-
     def units(
         self,
         seeds: Collection[int],
-        done: Mapping[Any, Collection[int]],
+        done: Mapping[str, Collection[int]],
         *,
         seeds_per_unit: int | None = None,
         snapshots: int = 0,
@@ -252,7 +239,7 @@ class Plan:
     ) -> list[Unit]:
         """Return the units that are still to be trained, sources first."""
         # `done` maps keys to trained seeds; only units whose first seed is `first` keep snapshots.
-        units: dict[tuple[Any, tuple[int, ...]], Unit] = {}
+        units: dict[tuple[str, tuple[int, ...]], Unit] = {}
         for name, arm in self.arms.items():
             for task in arm.curriculum.order:
                 key = arm.keys[task]
@@ -318,7 +305,6 @@ class Trained:
 
     result: LearningResult
     source_steps: IntArray  # (K,): the steps of each seed in its sources
-    calibrations: Sequence[Calibration] = ()  # of each seed, if potentials were calibrated
     potentials: Sequence[AnyPotential] = ()  # of each seed, as it entered; empty if unknown
     initial_values: FloatArray | None = None  # (K,) of a constant opponent's Q
 
@@ -339,14 +325,13 @@ def train(
     spent, is_target = curriculum.spent(task, sources, len(seeds)), task == curriculum.target
     if not (arm.change and is_target):
         how |= {"charged": spent if charge and is_target else None, "snapshots": unit.snapshots}
-        result, potentials, fitted = curriculum.train_task(task, sources, seeds, **how)
-        return Trained(result, spent, fitted, potentials)
+        result, potentials = curriculum.train_task(task, sources, seeds, **how)
+        return Trained(result, spent, potentials)
     phi: Any = () if unchanged is None else unchanged.potentials
     if arm.change not in CONSTANTS:
-        fits = () if unchanged is None else unchanged.calibrations
-        control = train_control(arm.change, curriculum, seeds, sources, spent, phi, fits, **how)
+        control = train_control(arm.change, curriculum, seeds, sources, spent, phi, **how)
         return Trained(control, spent)
-    phi = phi or curriculum.entering(task, sources, seeds)[0]
+    phi = phi or curriculum.potentials(task, sources)
     result, values = train_constant(arm.change, curriculum, seeds, phi, **how)
     return Trained(result, np.zeros_like(spent), initial_values=values)
 
@@ -358,10 +343,10 @@ def train(
 class Failures:
     """The failed units of a run; arms that need a failed unit are given up, others are trained."""
 
-    needs: Mapping[tuple[str, str], Any]  # the keys that each arm needs (`Plan.needs`)
+    needs: Mapping[tuple[str, str], str]  # the keys that each arm needs (`Plan.needs`)
     errors: list[tuple[Unit, BaseException]] = field(default_factory=list)  # in this order
     executor_failed: bool = False  # whether a unit was never trained because the executor failed
-    _kept: set[Any] = field(default_factory=set, init=False)  # keys of arms without a failure
+    _kept: set[str] = field(default_factory=set, init=False)  # keys of arms without a failure
 
     def __bool__(self) -> bool:
         return bool(self.errors)
@@ -380,9 +365,93 @@ class Failures:
         return not self.errors or unit.key in self._kept
 
 
-def arms_of(keys: Mapping[tuple[str, str], Any], some: Collection[Any]) -> set[str]:
+def arms_of(keys: Mapping[tuple[str, str], str], some: Collection[str]) -> set[str]:
     """Return the arms that need a key among `some`."""
     return {arm for (arm, _), key in keys.items() if key in some}
+
+
+# -- Running units, each after its sources ---------------------------------------------------------
+
+ASKED_AGAIN = 2.0
+"""Seconds between requests for the number of workers: it may grow, but a cluster's answer takes
+about as long as a small unit."""
+
+
+class Queue:
+    """Units to send: in order, but each after its sources are trained."""
+
+    def __init__(self, units: Iterable[Unit]):
+        self.units = list(units)
+        numbers = enumerate(self.units)
+        self._numbers = {(unit.key, seed): n for n, unit in numbers for seed in unit.seeds}
+        self._order = TopologicalSorter[int]()
+        for number, unit in enumerate(self.units):
+            read = self._numbers.keys() & product(unit.sources.values(), unit.seeds)
+            self._order.add(number, *{self._numbers[pair] for pair in read})
+        self._order.prepare()
+        self.ready = sorted(self._order.get_ready())  # heap of the units whose sources are trained
+
+    def pop(self) -> Unit:
+        """Return the next unit to send."""
+        return self.units[heappop(self.ready)]
+
+    def trained(self, unit: Unit) -> None:
+        """Release the units that waited for a unit; call it when its result is kept."""
+        self._order.done(self._numbers[unit.key, unit.seeds[0]])
+        for number in self._order.get_ready():
+            heappush(self.ready, number)
+
+
+def cancelled() -> Exception:
+    """Return the error of a unit that was cancelled, but not by this process."""
+    return BrokenExecutor("the executor cancelled it")
+
+
+def trained_units(
+    units: Iterable[Unit],
+    send: Callable[[Unit], "Future[Any]"],
+    keep: Callable[[Unit, Any], object],
+    failures: Failures,
+    *,
+    ahead: Callable[[], int] = lambda: 1,
+    lost: Callable[[], Exception] = cancelled,
+) -> Iterator[tuple[Unit, Any]]:
+    """Yield each unit with its result when that is kept.
+
+    `send` starts a unit whose sources are kept, at most ``ahead()`` at once. After a failure no
+    unit is started that only arms with a failure need. A result that is an exception is the error
+    of a unit in another process.
+    """
+    queue, running = Queue(units), dict[Future[Any], Unit]()
+    try:
+        while queue.ready or running:
+            most = ahead()
+            while queue.ready and len(running) < most:
+                unit = queue.pop()
+                if failures.keeps(unit):
+                    running[send(unit)] = unit
+            ended, _ = wait(running, ASKED_AGAIN, FIRST_COMPLETED)
+            for future in [future for future in running if future in ended]:
+                if future not in running:  # the failure of another unit has cancelled it
+                    continue
+                unit = running.pop(future)
+                error = lost() if future.cancelled() else future.exception()
+                result = None if error else future.result()
+                error = result if isinstance(result, Exception) else error
+                if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
+                    raise error  # the store is lost, or this is an interrupt
+                if error is None:
+                    keep(unit, result)
+                    queue.trained(unit)
+                    yield unit, result
+                    continue
+                failures.add(unit, error)
+                for other, waiting in [*running.items()]:
+                    if not failures.keeps(waiting) and other.cancel():
+                        del running[other]
+    finally:
+        for future in running:
+            future.cancel()
 
 
 # -- A run in memory -------------------------------------------------------------------------------
@@ -395,7 +464,7 @@ class _Learning(NamedTuple):
 
     node: Node
     transfers: tuple[Transfer, ...]
-    sources: tuple[int, ...]  # the keys of all tasks trained before the task
+    sources: tuple[str, ...]  # the keys of all tasks trained before the task
     change: str
 
     def equals(self, other: "_Learning") -> bool:
@@ -415,21 +484,22 @@ class Memory:
 
     def __init__(self) -> None:
         self._learnings = list[_Learning]()
-        self.trained = dict[tuple[int, tuple[int, ...]], Trained]()  # without the values of targets
+        self.trained = dict[tuple[str, tuple[int, ...]], Trained]()  # without the values of targets
 
     def keys_of(
         self, name: str, curriculum: Curriculum, change: str
-    ) -> tuple[dict[str, int], dict[str, Any]]:
+    ) -> tuple[dict[str, str], dict[str, Any]]:
         """Return the keys of an arm's tasks, and no dependencies, as :meth:`Plan.made` needs."""
-        keys = dict[str, int]()
+        keys = dict[str, str]()
         for task in curriculum.order:
             before = tuple(keys[source] for source in curriculum.ancestors(task))
             changed = change if task == curriculum.target else ""
             new = _Learning(curriculum.node(task), curriculum.in_edges(task), before, changed)
             equal = (k for k, learning in enumerate(self._learnings) if learning.equals(new))
-            keys[task] = next(equal, len(self._learnings))
-            if keys[task] == len(self._learnings):
+            number = next(equal, len(self._learnings))
+            if number == len(self._learnings):
                 self._learnings.append(new)
+            keys[task] = f"{number}"
         return keys, {}
 
     def train(
@@ -443,35 +513,47 @@ class Memory:
         """Train the units of a plan that have no result yet; yield after each unit."""
         # Units of a plan are in an order in which sources come first.
         units, missing = plan.units(seeds, {}), list[Unit]()
-        readers = Counter[Any]()  # key -> number of units that will still read its results
+        readers = Counter[str]()  # key -> number of units that will still read its results
         for unit in reversed(units):  # units that read a source come before it in this order
             trained = self.trained.get((unit.key, seeds))
             if trained is None or (trained.result.values is None and readers[unit.key]):
                 missing.append(unit)
                 readers.update(plan.read_by(unit))
+
+        def send(unit: Unit) -> Future[Any]:
+            future = Future[Any]()
+            try:
+                read = unit.sources.items()
+                results = {name: self.trained[key, seeds].result for name, key in read}
+                sources = {name: SourceValues.of(result) for name, result in results.items()}
+                trained = train(
+                    plan.arms[unit.arm],
+                    unit,
+                    sources,
+                    unchanged=self.trained.get((plan.changed(unit), seeds)),
+                    workers=workers,
+                    progress=bars.within(unit.arm),
+                )
+                future.set_result(trained)
+            except Exception as error:  # of any kind: a task may be the user's own code
+                future.set_exception(error)
+            return future
+
+        def keep(unit: Unit, trained: Trained) -> None:
+            self.trained[unit.key, seeds] = trained
+            readers.subtract(plan.read_by(unit))
+            for key in plan.read_by(unit) | {unit.key}:
+                if not readers[key]:
+                    self._forget(plan, key, seeds)
+
         try:
-            for unit in filter(failures.keeps, reversed(missing)):
-                try:
-                    read = unit.sources.items()
-                    results = {name: self.trained[key, seeds].result for name, key in read}
-                    sources = {name: SourceValues.of(result) for name, result in results.items()}
-                    how: Any = {"unchanged": self.trained.get((plan.changed(unit), seeds))}
-                    how |= {"workers": workers, "progress": bars.within(unit.arm)}
-                    trained = train(plan.arms[unit.arm], unit, sources, **how)
-                    self.trained[unit.key, seeds] = trained
-                except Exception as error:  # of any kind: a task may be the user's own code
-                    failures.add(unit, error)
-                else:
-                    readers.subtract(plan.read_by(unit))
-                    for key in plan.read_by(unit) | {unit.key}:
-                        if not readers[key]:
-                            self._forget(plan, key, seeds)
+            for _ in trained_units(reversed(missing), send, keep, failures):
                 yield
         finally:
             for unit in units:
                 self._forget(plan, unit.key, seeds)
 
-    def _forget(self, plan: Plan, key: Any, seeds: tuple[int, ...]) -> None:
+    def _forget(self, plan: Plan, key: str, seeds: tuple[int, ...]) -> None:
         """Drop results that no unit will read, except small tables, which later plans may read."""
         if (trained := self.trained.get((key, seeds))) is None:
             return
@@ -479,4 +561,4 @@ class Memory:
         small = isinstance(values, np.ndarray) and values.nbytes <= LARGEST_KEPT
         if not small or key in (arm.keys[plan.target] for arm in plan.arms.values()):
             bare = replace(trained.result, values=None, snapshots=None)
-            self.trained[key, seeds] = replace(trained, result=bare, calibrations=(), potentials=())
+            self.trained[key, seeds] = replace(trained, result=bare, potentials=())

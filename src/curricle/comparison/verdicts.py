@@ -20,12 +20,11 @@ from scipy.special import stdtr
 
 from curricle.arrays import FloatArray
 from curricle.checks import whole_number
-from curricle.display import printed
 from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test, smallest_p
 from curricle.statistics.intervals import Interval, mean_interval, vector
-from curricle.text import brief_repr
+from curricle.text import brief_repr, printed
 from curricle.transfer.transfer import FOUND
 
 SIGNIFICANT = 0.05  # adjusted p-values below this count as a difference

@@ -1,6 +1,5 @@
 """A curriculum: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,15 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import BoolArray, IntArray
+from curricle.arrays import IntArray
 from curricle.checks import brief, fit_name, instance, number, one_of
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.learner import DeepLearner, WeightTransfer, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
 from curricle.deep.miniature import Miniatures
-from curricle.display import block, table
 from curricle.errors import CurriculumError, SettingError
-from curricle.files import Place, file_name, place_at
 from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.portfolio import Portfolio
 from curricle.learning.result import LearningResult
@@ -26,13 +23,11 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import (
     SETTLED,
-    UNLEARNT,
     Budget,
     Decision,
     Decisions,
     Episodes,
     StoppingRule,
-    levels,
     limits,
     longest_run,
     spacing,
@@ -42,14 +37,12 @@ from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluat
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.mdp import Task, generative_model, same_task
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr, brief_value, counted, shortened
+from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.aggregate import Aggregate, mean
-from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.mapping import TableValues, ValueSource
-from curricle.transfer.potential import ObservationPotential, combined_potential
-from curricle.transfer.rollouts import target_of
+from curricle.transfer.potential import AnyPotential, ObservationPotential, combined_potential
 from curricle.transfer.search import with_mapping
-from curricle.transfer.transfer import Calibrate, Transfer, transfer_words
+from curricle.transfer.transfer import Transfer
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
@@ -163,14 +156,12 @@ class Node:
         seeds: Sequence[int],
         potentials: Sequence[AnyPotential] = (),
         *,
-        calibrations: Sequence[Calibration] = (),
         charged: Sequence[int] | IntArray | None = None,
         snapshots: int = 0,
         workers: int | None = None,
-        saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
-        """Return the result of K seeds in the task, with K potentials and calibrations or none."""
+        """Return the result of K seeds in the task, with K potentials or none."""
         if self.distilled:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
@@ -182,41 +173,27 @@ class Node:
             "eval_freq": self.eval_freq,
             "evaluation": self.evaluation,
             "stream": self.name,
-            "warm_up": [calibration.warm_up for calibration in calibrations] or None,
             "charged": charged,
             "progress": progress,
         }
         if self.deep:
-            result = learn_deep(self.task, self.learner, self.budget, saves=saves, **common)
+            result = learn_deep(self.task, self.learner, self.budget, **common)
             return result if self.storage.save_values else replace(result, values=None)
         common |= {"storage": self.storage, "snapshots": snapshots, "workers": workers}
         return learn(self.task, self.learner, self.budget, **common)
 
-    def unlearnt(self, result: LearningResult) -> BoolArray:
-        """Return the seeds that used all steps and have not learnt the task, (K,) bool."""
-        if not isinstance(self.budget, StoppingRule) or self.distilled:
-            return np.zeros(len(result.seeds), np.bool_)
-        kernel = self.budget.kernel(*levels(self.budget, self.task, self.evaluation, target_of))
-        ended = np.searchsorted(result.steps, result.steps_used, side="right") - 1
-        judge, steps = self.budget.decision, result.steps.tolist()
-        last = [
-            replace(judge(kernel, greedy, checkpoint, steps[checkpoint]), over=not lost)
-            for greedy, checkpoint, lost in zip(
-                result.greedy_return, ended.tolist(), result.out_of_memory, strict=True
-            )
-        ]
-        return np.array([decision.criterion == UNLEARNT for decision in last])
-
     def decisions(self, result: LearningResult) -> Decisions:
-        """Return the stopping rule's decisions at each seed's checkpoints."""
+        """Return the stopping rule's decisions at each seed's checkpoints, as recorded."""
         if not isinstance(self.budget, StoppingRule) or self.distilled:
             return Decisions([[] for _ in result.seeds], result.seeds)
-        level, floor = levels(self.budget, self.task, self.evaluation, target_of)
-        totals = result.steps_used.tolist(), result.evaluation_steps.tolist(), result.out_of_memory
+        names = ("level", "floor", "steps_used", "evaluation_steps", "ended_by")
+        recorded = [getattr(result, name).tolist() for name in names]
         of_seeds, judge = list[list[Decision]](), self.budget.decisions
-        for greedy, used, spent, lost in zip(result.greedy_return, *totals, strict=True):
+        for greedy, level, floor, used, spent, ending in zip(
+            result.greedy_return, *recorded, strict=True
+        ):
             *rest, last = judge(result.steps, greedy, level=level, floor=floor, used=used)
-            of_seeds.append([*rest, replace(last, evaluation_steps=spent, over=not lost)])
+            of_seeds.append([*rest, replace(last, evaluation_steps=spent, ended_by=ending)])
         return Decisions(of_seeds, result.seeds)
 
 
@@ -303,7 +280,6 @@ class Curriculum:
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
             node = self.node(name)
-            self.calibration(name)  # refuses transfers with different calibrations
             if self.in_edges(name):
                 node.shaping.check(node.learner)
                 targets = [edge.target for edge in self.transfers if edge.source == name]
@@ -409,16 +385,6 @@ class Curriculum:
         one_of("a task", name, self.tasks, CurriculumError)
         return tuple(t for t in self.transfers if t.target == name)
 
-    def calibration(self, name: str) -> Calibrate | None:
-        """Return the calibration settings of a task's potential; None if it is not calibrated."""
-        settings = {transfer.calibration for transfer in self.in_edges(name)}
-        if len(settings) > 1:
-            raise CurriculumError(
-                "all transfers into a task must have the same calibration: those into "
-                f"{name!r} differ"
-            )
-        return settings.pop() if settings else None
-
     def ancestors(self, name: str) -> tuple[str, ...]:
         """Return the tasks that are trained before `name`, in training order."""
         one_of("a task", name, self.tasks, CurriculumError)
@@ -492,26 +458,6 @@ class Curriculum:
         settings["eval_freq"] = 1 if distilled else spacing(freq, settings["budget"])
         return Node(name, self.tasks[name], **settings)
 
-    def _repr_html_(self) -> str:
-        tasks = [
-            (
-                node.name,
-                brief_value(node.task)
-                if node.deep
-                else ", ".join([type(node.task).__name__, *node.sizes]),
-                type(node.learner).__name__,
-                node.budget_text,
-            )
-            for node in map(self.node, self.order)
-        ]
-        transfers = [(edge.source, edge.target, transfer_words(edge)) for edge in self.transfers]
-        head = ["source", "target", "how"]
-        return block(
-            f"Curriculum: {counted(len(tasks), 'task')}, {counted(len(transfers), 'transfer')}",
-            table(["task", "", "learner", "budget"], tasks, wide=["budget"]),
-            transfers and table(head, transfers, wide=["how"]),
-        )
-
     def replace(self, name: str, **settings: Any) -> "Curriculum":
         """Return the curriculum with other settings, such as ``budget=``, for one task.
 
@@ -536,7 +482,6 @@ class Curriculum:
         charge: bool = False,
         snapshots: int = 0,
         workers: int | None = None,
-        saves: str | Place | None = None,
         progress: Progress = None,
     ) -> CurriculumResult:
         """Train all tasks, sources first, and return their results; the K seeds are independent.
@@ -544,9 +489,7 @@ class Curriculum:
         Parameters
         ----------
         seeds : int or sequence of int
-            As in :func:`learn`. The k-th seed of a target reads the k-th seed of its sources. If a
-            seed's potential cannot be calibrated, it enters unscaled with a warning, and
-            ``calibrations`` of the result gives the reason.
+            As in :func:`learn`. The k-th seed of a target reads the k-th seed of its sources.
         only : str or sequence of str, optional
             Tasks to train, with all their sources; every task by default.
         trained : dict of str to LearningResult or SourceValues, optional
@@ -559,8 +502,6 @@ class Curriculum:
             (:class:`Snapshots`).
         workers : int, optional
             Threads over seeds.
-        saves : path, optional
-            Folder or URL for checkpoints of networks, as in :func:`learn_deep`.
         progress : bool or callable, optional
             True shows a bar for each task; a function is called with the name of each learnt task.
         """
@@ -584,7 +525,6 @@ class Curriculum:
         sources = dict(known)
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
-        calibrations: dict[str, list[Calibration]] = {}
         if charge and isinstance(self.setting("budget", self.target), Episodes):
             raise CurriculumError(
                 "source steps are charged to a budget in steps: that of target "
@@ -599,21 +539,18 @@ class Curriculum:
         with shown(progress) as bars:
             for name in names:
                 spent = self.spent(name, sources, len(numbers)) if name == paying else None
-                results[name], potentials[name], fitted = self.train_task(
+                results[name], potentials[name] = self.train_task(
                     name,
                     sources,
                     numbers,
                     charged=spent,
-                    saves=saves,
                     snapshots=snapshots,
                     workers=workers,
                     progress=bars.within(),
                 )
-                if fitted:
-                    calibrations[name] = fitted
                 sources[name] = SourceValues.of(results[name])
                 bars.tell(name)
-        return CurriculumResult(self, results, potentials, calibrations, known)
+        return CurriculumResult(self, results, potentials, known)
 
     def train_task(
         self,
@@ -622,25 +559,15 @@ class Curriculum:
         seeds: tuple[int, ...],
         *,
         charged: IntArray | None = None,
-        saves: str | Place | None = None,
         **how: Any,
-    ) -> tuple[LearningResult, list[AnyPotential], list[Calibration]]:
-        """Return a task's result, its potentials as they entered, and their calibrations, if any.
+    ) -> tuple[LearningResult, list[AnyPotential]]:
+        """Return a task's result, and its potentials as they entered.
 
         `sources` have the same `seeds`; the budget of each seed is less its `charged` steps.
         """
         self._check_network(name)
-        potentials, fitted = self.entering(name, sources, seeds, charged)
-        if refused := [fit.refusal for fit in fitted if fit.refusal]:
-            warnings.warn(
-                f"{len(refused)} of {counted(len(fitted), 'seed')} of {name!r} take their "
-                f"potential as it is: {refused[0]}",
-                stacklevel=3,
-            )
-        how["saves"] = None if saves is None else place_at(saves) / file_name(name)
-        node = self.node(name)
-        result = node.train(seeds, potentials, calibrations=fitted, charged=charged, **how)
-        return result, potentials, fitted
+        potentials = self.potentials(name, sources)
+        return self.node(name).train(seeds, potentials, charged=charged, **how), potentials
 
     def _check_network(self, name: str) -> None:
         node = self.node(name)
@@ -652,31 +579,6 @@ class Curriculum:
         steps = [sources[source].steps_used for source in self.ancestors(name)]
         total: IntArray = np.sum([np.zeros(seeds, np.int64), *steps], axis=0)
         return total
-
-    def entering(
-        self,
-        name: str,
-        sources: Mapping[str, Learnt],
-        seeds: Sequence[int],
-        spent: IntArray | None = None,
-        transfers: Sequence[Transfer] | None = None,
-    ) -> tuple[list[AnyPotential], list[Calibration]]:
-        """Return the potentials with which seeds begin a task, and their calibrations, if any.
-
-        Calibrations take steps of the task's budget, less the `spent` steps of each seed, (K,).
-        """
-        potentials = self.potentials(name, sources, transfers=transfers)
-        if (settings := self.calibration(name)) is None:
-            return potentials, []
-        steps, episodes = limits(self.setting("budget", name))
-        left = [steps] * len(seeds) if spent is None else (steps - spent).tolist()
-        fitted = [
-            fit_calibration(
-                phi, settings.within(most, episodes), seed=k, stream=f"{name}/calibration"
-            )
-            for phi, k, most in zip(potentials, seeds, left, strict=True)
-        ]
-        return [calibration.potential for calibration in fitted], fitted
 
     def potentials(
         self,

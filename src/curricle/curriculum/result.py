@@ -1,10 +1,10 @@
 """The result of training a curriculum: results of its tasks, and the values that targets read."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -12,19 +12,15 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, IntArray, frozen
 from curricle.checks import one_of
 from curricle.deep.learning import DeepResult
-from curricle.display import beside, block
-from curricle.errors import CurricleError, CurriculumError, SettingError
+from curricle.errors import CurriculumError, SettingError
 from curricle.files import SavedFile, read_saved, write_saved
-from curricle.learning.record import WarmUp
 from curricle.learning.result import (
     LearningResult,
     arrays_of,
     curve_columns,
     data_frame,
-    learnt_curve,
-    learnt_table,
 )
-from curricle.learning.stopping import Decisions
+from curricle.learning.stopping import UNLEARNT, Decisions
 from curricle.learning.tabular_policy import (
     all_values_of,
     arrays_of_values,
@@ -33,9 +29,12 @@ from curricle.learning.tabular_policy import (
     pairs_of,
     task_record,
 )
-from curricle.planning.episode import Episode
+from curricle.pictures.episode import Episode
 from curricle.text import brief_repr, counted, shortened
-from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.potential import AnyPotential
+
+if TYPE_CHECKING:
+    import pandas
 
 MOST_CURVES = 4  # curves that are shown side by side: those of a curriculum's last tasks
 
@@ -55,8 +54,6 @@ class SourceValues:
         Steps of each seed in the task.
     own_rewards : bool
         Whether the values are free of shaping rewards (:class:`LearningResult`).
-    scales : sequence of K float
-        Scale of each seed's potential, if it was calibrated and a network must be built with it.
 
     Examples
     --------
@@ -70,7 +67,6 @@ class SourceValues:
     values: Any
     steps_used: IntArray
     own_rewards: bool = True
-    scales: Sequence[float] = ()
 
     __repr__ = brief_repr
 
@@ -100,8 +96,6 @@ class CurriculumResult:
         Results of the tasks trained here, and whole results that were passed in `trained`.
     potentials : dict of str to list of MappedPotential or StateActionPotential
         Potential of each seed, for the tasks trained here; empty for a task without sources.
-    calibrations : dict of str to list of Calibration
-        Calibration of each seed, from the task's first steps, for tasks with calibrated transfers.
     given : dict of str to SourceValues
         Values of the tasks that were trained before.
 
@@ -116,7 +110,6 @@ class CurriculumResult:
     curriculum: Any
     nodes: Mapping[str, LearningResult]
     potentials: Mapping[str, list[AnyPotential]]
-    calibrations: Mapping[str, list[Calibration]] = field(default_factory=dict)
     given: Mapping[str, SourceValues] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -125,26 +118,6 @@ class CurriculumResult:
         listed = ", ".join(f"{name} {value:.4g}" for name, value in last.items())
         returns = f"last greedy returns: {listed}" if last else "nothing was trained"
         return shortened(f"CurriculumResult({counted(seeds, 'seed')}; {returns})")
-
-    def _repr_html_(self) -> str:
-        shown = [*self.nodes.items()][-MOST_CURVES:]
-        before = [name for name in self.given if name not in self.nodes]
-        return block(
-            f"Training of {' -> '.join(self.curriculum.order)}",
-            beside({name: learnt_curve(node) for name, node in shown}),
-            learnt_table(self.nodes, {name: self._ended(name) for name in self.nodes}),
-            before and f"learnt before: {', '.join(before)}",
-            *(f"{name}: {_in_words(fitted)}" for name, fitted in self.calibrations.items()),
-        )
-
-    def _ended(self, name: str) -> str:
-        """Return a sentence on how a rule ended a task's training; empty without a rule."""
-        if name not in self.curriculum.tasks:
-            return ""
-        try:
-            return self.decisions(name).in_words
-        except CurricleError:  # the rule's decisions cannot be recomputed
-            return ""
 
     def __getitem__(self, name: str) -> LearningResult:
         one_of("a task", name, self.nodes, CurriculumError)
@@ -168,7 +141,7 @@ class CurriculumResult:
     def unlearnt(self, name: str) -> dict[str, BoolArray]:
         """Return source -> the seeds that did not learn it by its stopping rule, (K,) bool."""
         sources = [task for task in self.curriculum.ancestors(name) if task in self.nodes]
-        return {task: self.curriculum.node(task).unlearnt(self[task]) for task in sources}
+        return {task: self[task].ended_by == UNLEARNT for task in sources}
 
     # -- policies, curves and files ------------------------------------------------------------
 
@@ -189,7 +162,7 @@ class CurriculumResult:
         name = self.curriculum.target if task is None else task
         return self[name].watch(seed=seed, max_steps=max_steps)
 
-    def frame(self) -> Any:
+    def frame(self) -> "pandas.DataFrame":
         """Return the curves of all tasks as a pandas DataFrame, ImportError without pandas.
 
         Its columns are the task, those of :meth:`LearningResult.frame`, and source_steps.
@@ -232,21 +205,12 @@ class CurriculumResult:
             return cls(curriculum, *_from_file(saved, saved.about, curriculum))
 
 
-def _in_words(fitted: list[Calibration]) -> str:
-    """Return a sentence on the number of calibrated seeds and their mean scale."""
-    refused = sum(bool(calibration.refusal) for calibration in fitted)
-    scale = np.mean([calibration.scale for calibration in fitted])
-    sentence = f"calibrated to scale {scale:.3g} on average over {counted(len(fitted), 'seed')}"
-    return f"{sentence}, of which {refused} could not be" if refused else sentence
-
-
 # -- files -----------------------------------------------------------------------------------------
 
 Arrays = dict[str, npt.NDArray[Any]]
 KINDS: dict[str, type[LearningResult]] = {
     kind.__name__: kind for kind in (LearningResult, DeepResult)
 }
-SCALARS = [f.name for f in fields(Calibration) if f.name not in ("potential", "warm_up")]
 
 
 def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
@@ -260,19 +224,11 @@ def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
         of_source = {"seeds": np.array(source.seeds, np.int64), "steps_used": source.steps_used}
         of_source |= arrays_of_values(source.values)
         arrays |= {f"given/{i}/{key}": array for key, array in of_source.items()}
-    for i, fitted in enumerate(result.calibrations.values()):
-        for k, calibration in enumerate(fitted):
-            for key in ("lengths", "returns"):
-                arrays[f"calibrations/{i}/{key}_{k}"] = getattr(calibration.warm_up, key)
     return arrays, {
         "tasks": {name: task_record(task) for name, task in result.curriculum.tasks.items()},
         "nodes": nodes,
         "trained": list(result.potentials),
         "given": {name: source.own_rewards for name, source in result.given.items()},
-        "calibrations": {
-            name: [{key: getattr(fit, key) for key in SCALARS} for fit in fitted]
-            for name, fitted in result.calibrations.items()
-        },
     }
 
 
@@ -299,42 +255,24 @@ def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> t
         check_value_arrays(arrays, len(seeds), pairs_of(saved, about["tasks"][name], task))
         values, steps = all_values_of(arrays, len(seeds)), frozen(arrays["steps_used"])
         known[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
-    fitted = dict[str, list[Calibration]]()  # still without potentials
-    for name, of_fits, arrays in parts("calibrations"):
-        fitted[name] = []
-        for k, scalars in enumerate(of_fits):
-            warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
-            scalars = {key: scalars[key] for key in SCALARS}
-            fitted[name].append(Calibration(None, warm_up=warm_up, **scalars))
-    _build_networks(curriculum, nodes, known, fitted)
+    _build_networks(curriculum, nodes, known)
     # Potentials are computed from the sources' values, as in training.
     sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **known}
     potentials = {name: curriculum.potentials(name, sources) for name in about["trained"]}
-    for name, of_seeds in fitted.items():
-        fitted[name] = [
-            replace(of_seed, potential=phi if of_seed.refusal else phi.rescaled(of_seed.scale))
-            for of_seed, phi in zip(of_seeds, potentials[name], strict=True)
-        ]
-        potentials[name] = [calibration.potential for calibration in fitted[name]]
-    return nodes, potentials, fitted, known
+    return nodes, potentials, known
 
 
 def _build_networks(
-    curriculum: Any,
-    nodes: dict[str, LearningResult],
-    known: dict[str, SourceValues],
-    fitted: Mapping[str, list[Calibration]],
+    curriculum: Any, nodes: dict[str, LearningResult], known: dict[str, SourceValues]
 ) -> None:
     """Replace the parameters of networks by the networks, sources first."""
     learnt: dict[str, Learnt] = {**known, **nodes}
     if not any(curriculum.node(name).deep for name in learnt):
         return
-    stored = {
-        name: replace(SourceValues.of(result), scales=[c.scale for c in fitted.get(name, ())])
-        for name, result in learnt.items()
-    }
     try:
-        built = source_values(curriculum, stored)
+        built = source_values(
+            curriculum, {name: SourceValues.of(result) for name, result in learnt.items()}
+        )
     except RuntimeError as error:  # of PyTorch
         raise SettingError(
             "networks must be loaded with the learners they were trained with: "
@@ -373,9 +311,6 @@ def source_values(curriculum: Any, sources: Mapping[str, SourceValues]) -> dict[
         values = stored.values
         if node.deep and values is not None:
             potentials: list[Any] = curriculum.potentials(name, learnt)
-            if stored.scales:
-                pairs = zip(potentials, stored.scales, strict=True)
-                potentials = [phi.rescaled(scale) for phi, scale in pairs]
             node.learner.algorithm_class()  # raises an ImportError that names what to install
             from curricle.deep.models import network_values  # needs PyTorch
 

@@ -1,4 +1,4 @@
-"""Deep learners: networks that learn from potentials, their training and checkpoints."""
+"""Deep learners: networks that learn from potentials, and their training."""
 
 import lazy_loader
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from stable_baselines3.common.policies import BasePolicy
 from torch.nn import functional
 
 from curricle.arrays import FloatArray, IntArray
@@ -18,6 +19,7 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record
 from curricle.learning.result import Outcome, learning_result
+from curricle.learning.stopping import ALL_STEPS, NEVER_STOPS
 from curricle.progress import Progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
@@ -70,7 +72,11 @@ def distil(
 
 
 def _fit(
-    policy: Any, knowledge: Knowledge, task: ObservationTask, settings: Distillation, seed: int
+    policy: BasePolicy,
+    knowledge: Knowledge,
+    task: ObservationTask,
+    settings: Distillation,
+    seed: int,
 ) -> None:
     """Fit a policy to values of mean 0 and spread 1, then rescale the layer of its values."""
     for name in ("policy", "action_values"):
@@ -81,8 +87,8 @@ def _fit(
                 f"{known.shape[1]} actions; a mapping's actions= maps them"
             )
     q_nets = [name for name in ("q_net", "quantile_net") if getattr(policy, name, None) is not None]
-    network: Any = None  # of DQN or QR-DQN
-    wanted: Any = knowledge.action_values if q_nets else knowledge.values
+    network: torch.nn.Module | None = None  # of DQN or QR-DQN
+    wanted = knowledge.action_values if q_nets else knowledge.values
     if hasattr(policy, "value_net") and task.n_actions is not None and not needs_of(policy):
         last = policy.value_net
     elif q_nets:
@@ -143,7 +149,7 @@ def learn_miniatures(
     with shown(progress) as bars:
         grow = bars.bar("distilling", len(seeds))
         for seed in seeds:
-            network: Any = distil(task.knowledge(seed=seed), task, learner, seed=seed)
+            network = distil(task.knowledge(seed=seed), task, learner, seed=seed)
             examined = [member.examined(network) for member in task.solved]
             record = Record.empty(1)
             record.greedy_return[0] = np.mean([member.best for member in examined])
@@ -156,7 +162,8 @@ def learn_miniatures(
                     f"the random policy to the optimum of {task}"
                 )
             # With the steps that it is charged, and no episode.
-            outcomes.append(Outcome(record, network, task.cost, 0, 0))
+            spent = task.cost, 0, 0
+            outcomes.append(Outcome(record, network, *spent, ALL_STEPS, NEVER_STOPS))  # type: ignore[arg-type]
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from types import BuiltinFunctionType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
@@ -19,9 +19,11 @@ from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
 from curricle.tasks.observation_task import ObservationTask, plain_text, stable_text
 
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
 LIBRARIES = ("stable_baselines3", "sb3_contrib")  # where an algorithm's name is looked up
 EXPLORING = ("DQN", "QRDQN")  # whose exploration falls over a share of the budget
-SAVES = 20  # checkpoints to resume from that a run writes over its budget
 LEAVES = (Box, Discrete, MultiDiscrete, MultiBinary)
 LEAST_SIDE = 36  # cells of a picture's side that the convolutions of ``NatureCNN`` need
 SMALLER = "a features_extractor_class such as SmallCNN in policy_kwargs reads smaller ones"
@@ -135,12 +137,12 @@ class DeepLearner:
         stated = self.settings.get("normalize")
         return bool(self.normal.get(what, True) if isinstance(stated, Mapping) else stated)
 
-    def algorithm_class(self) -> Any:
+    def algorithm_class(self) -> "type[BaseAlgorithm]":
         """Return the algorithm's class; ImportError without Stable-Baselines3."""
         module, colon, name = self.algorithm.rpartition(":")
         if colon:
             try:
-                return getattr(import_module(module), name)
+                return getattr(import_module(module), name)  # type: ignore[no-any-return]
             except (ImportError, AttributeError) as error:
                 raise SettingError(
                     f"an algorithm as module:Class must exist: {module}:{name} failed, {error}"
@@ -153,7 +155,7 @@ class DeepLearner:
             raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
         for imported in libraries.values():
             if hasattr(imported, self.algorithm):
-                return getattr(imported, self.algorithm)
+                return getattr(imported, self.algorithm)  # type: ignore[no-any-return]
         raise SettingError(
             f"an algorithm must be one of {' or '.join(LIBRARIES)} (looked in "
             f"{', '.join(libraries)}), or module:Class: got {self.algorithm!r}"
@@ -231,7 +233,7 @@ def _literal(node: ast.expr) -> Any:
     return ast.literal_eval(node)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Return a setting as text that is the same in every process."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{name!r}: {_text(inner)}" for name, inner in value.items()) + "}"
@@ -239,8 +241,9 @@ def _text(value: Any) -> str:
         arguments = [*map(_text, value.args)]
         arguments += [f"{name}={_text(x)}" for name, x in value.keywords.items()]
         return f"{_text(value.func)}({', '.join(arguments)})"
-    named = isinstance(value, type | BuiltinFunctionType)
-    return value.__qualname__ if named else plain_text(value)
+    if isinstance(value, type | BuiltinFunctionType):
+        return value.__qualname__
+    return plain_text(value)
 
 
 # -- which spaces a policy takes, told before anything runs ------------------------------------

@@ -7,36 +7,36 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
-from curricle.arrays import IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.miniature import Miniatures, actor_of
 from curricle.errors import CurricleError, SettingError
-from curricle.files import Place, local_file, place_at, read_saved, write_in_folder
+from curricle.files import local_file, read_saved, write_in_folder
 from curricle.interop.tabulated_task import check_sight
-from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.seeds import seed_settings
 from curricle.learning.shaping import QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import (
     NEVER_STOPS,
     Budget,
-    StoppingKernel,
     StoppingRule,
     levels,
     limits,
     longest_run,
     spacing,
 )
-from curricle.planning.episode import Episode, frame_of, played, with_pictures
-from curricle.planning.policy_evaluation import GreedyEvaluation, not_solved
+from curricle.pictures.episode import Episode, frame_of, played, with_pictures
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import not_solved
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
-from curricle.tasks.observation_task import ObservationTask, stable_text
+from curricle.tasks.observation_task import Observations, ObservationTask, stable_text, stack
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import (
     Environments,
@@ -44,6 +44,9 @@ from curricle.transfer.rollouts import (
     mean_episode_return,
     target_of,
 )
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 TOO_LARGE_SEED = 2**32  # the first that NumPy's generator, which SB3 seeds, does not take
 
@@ -71,9 +74,11 @@ class TrainedPolicy:
     """
 
     task: ObservationTask
-    model: Any
+    model: "BaseAlgorithm"
 
-    def predict(self, observation: Any, *, deterministic: bool = True) -> Any:
+    def predict(
+        self, observation: Observations, *, deterministic: bool = True
+    ) -> npt.NDArray[Any] | np.generic:
         """Return the action in an observation, (...), or the actions in n stacked ones, (n, ...).
 
         Without `deterministic` actions are sampled, except by DQN. SettingError where the policy
@@ -87,7 +92,8 @@ class TrainedPolicy:
         except ValueError as error:
             space = stable_text(self.task.observations)
             raise SettingError(f"a policy takes observations of {space}: {error}") from error
-        return actions[()]  # a number where it is one: tables look up no arrays
+        # a number where it is one: tables look up no arrays
+        return actions[()]  # type: ignore[no-any-return]
 
     def save(self, path: str | Path) -> Path:
         """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
@@ -140,7 +146,7 @@ class TrainedPolicy:
             act = acting(self.model, [env], sampled=not deterministic)
             return played(
                 env,
-                lambda seen, _: act(seen, [0])[0][()],  # a number where it is one
+                lambda seen, _: act(seen, [0])[()],  # a number where it is one
                 seed=seed,
                 limit=limit,
                 picture=lambda _: frame_of(env),
@@ -179,10 +185,8 @@ class DeepResult(LearningResult):
         offsets = [getattr(values, "values_offset", None) for values in self.values or ()]
         if all(offset is None for offset in offsets):
             return arrays, about
-        from curricle.deep.models import traits  # needs torch
-
         task: Any = self.task
-        phis = [traits(task, StateShaping(offset)).tolist() for offset in offsets]
+        phis = [_traits(task, offset).tolist() for offset in offsets]
         return arrays, about | {"shaped": phis}
 
     @classmethod
@@ -224,13 +228,13 @@ class DeepResult(LearningResult):
         if len(shapings) != n:
             raise SettingError(f"a shaping for each of {n} seeds is needed: got {len(shapings)}")
         learner.algorithm_class()  # raises ImportError that names what to install
-        from curricle.deep.models import network_values, traits
+        from curricle.deep.models import network_values
 
         shapings = [shaping and _of_observations(task, learner, shaping) for shaping in shapings]
-        offsets = [shaping if isinstance(shaping, StateShaping) else None for shaping in shapings]
+        offsets = [of.potential if isinstance(of, StateShaping) else None for of in shapings]
         trained = saved.about.get("shaped", [[]] * n)
         for offset, saved_traits in zip(offsets, trained, strict=True):
-            phi = traits(task, offset)
+            phi = _traits(task, offset)
             if len(phi) != len(saved_traits) or not np.allclose(phi, saved_traits, rtol=1e-3):
                 raise SettingError(
                     "networks must be loaded with the StateShaping that they were trained with, "
@@ -247,6 +251,15 @@ class DeepResult(LearningResult):
                 f"with: {learner} does not take these parameters, {' '.join(str(error).split())}"
             ) from None
         return replace(result, task=task, values=values)
+
+
+def _traits(task: ObservationTask, phi: ObservationPotential | None) -> FloatArray:
+    """Return numbers by which a Phi is recognised; empty without one."""
+    if phi is None:
+        return np.empty(0)
+    with closing(task.environment()) as environment:
+        begun = [environment.reset(seed=k)[0] for k in range(8)]
+    return np.asarray(phi.v(stack(task.observations, begun)))
 
 
 def policies_of(
@@ -280,7 +293,7 @@ def policies_of(
     return tuple(policies)
 
 
-def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -> float:
+def policy_return(potential: object, target: ObservationTarget, *, seed: int = 0) -> float:
     """Return the mean return in a target of the actor of a potential's only source; NaN if none."""
     source = actor_of(potential)
     if source is None:
@@ -310,9 +323,7 @@ def learn_deep(
     eval_freq: int | None = None,
     evaluation: GreedyEvaluation | None = None,
     stream: str = "",
-    warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | IntArray | None = None,
-    saves: str | Place | None = None,
     progress: Progress = None,
 ) -> DeepResult:
     """Train a deep learner in a task, seed after seed, and return the result of all seeds.
@@ -335,13 +346,10 @@ def learn_deep(
         - :class:`StateShaping`: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
         - :class:`WeightTransfer`, :class:`PolicyReuse`: the learner takes over the only source's
           network, or the sources' policy without their values.
-    eval_freq, stream, warm_up, charged
+    eval_freq, stream, charged
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
         By rollouts; 5 rollouts by default.
-    saves : path, optional
-        Folder or URL for checkpoints, from which a killed run resumes to the same result; where
-        an environment cannot be pickled, as with processes, a new episode begins.
     progress : bool or callable, optional
         True shows a bar for each seed; a function is called with each seed at its end.
 
@@ -379,34 +387,32 @@ def learn_deep(
     check_evaluation(evaluation)
     if evaluation.method != "off":
         evaluation.horizon(task)  # SettingError without a bound
-    steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     longest = longest_run(task.longest, budget, eval_freq, learner.envs)
     settings = seed_settings(
         seeds,
         learner,
-        (steps, episodes),
+        limits(budget)[0],
         lambda shaping: _of_observations(task, learner, shaping),
         shaping=shaping,
-        warm_up=warm_up,
         charged=charged,
     )
-    stopping: StoppingKernel = NEVER_STOPS
+    stopping, floor_steps = NEVER_STOPS, 0
     if isinstance(budget, StoppingRule):
         if budget.fraction is not None:
             raise not_solved(budget.fraction, task)
-        stopping = budget.kernel(*levels(budget, task, evaluation, target_of))
+        level, floor, floor_steps = levels(budget, task, evaluation, target_of)
+        stopping = budget.kernel(level, floor)
     from curricle.deep.models import DeepRun  # needs Stable-Baselines3
 
-    lengths = steps, episodes, eval_freq, longest
-    run = DeepRun(task, learner, *lengths, evaluation, stopping, stream)
+    lengths = budget, eval_freq, longest
+    run = DeepRun(task, learner, *lengths, evaluation, stopping, floor_steps, stream)
     outcomes = []
     with shown(progress) as bars:
         for of_seed in settings:
-            place = None if saves is None else place_at(saves) / f"seed-{of_seed.seed}.checkpoint"
             name = f"{stream or 'learning'}, seed {of_seed.seed}"
             reached = bars.bar(name, longest // eval_freq + 1)
-            outcomes.append(replace(run, reached=reached).train(*of_seed, place))
+            outcomes.append(replace(run, reached=reached).train(*of_seed))
             bars.tell(of_seed.seed)
     numbers = tuple(of_seed.seed for of_seed in settings)
     values: Any = tuple(outcome.values for outcome in outcomes)

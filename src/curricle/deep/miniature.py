@@ -15,7 +15,7 @@ from curricle.errors import TaskError
 from curricle.interop.tabulated_task import TabulatedTask, assembled, parts_of
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
-from curricle.tasks.mdp import edges_of
+from curricle.tasks.graph import edges_of
 from curricle.tasks.observation_task import ObservationTask, made_by
 from curricle.text import brief_repr
 
@@ -43,7 +43,7 @@ class Knowledge(Frozen):
 
     @classmethod
     def of(
-        cls, observations: Any, action_values: FloatArray, policy: FloatArray | None = None
+        cls, observations: object, action_values: FloatArray, policy: FloatArray | None = None
     ) -> Self:
         """Return the knowledge in action values (S, A) of S observations, by default greedy."""
         q = np.asarray(action_values, np.float64)
@@ -94,7 +94,7 @@ class Knowledge(Frozen):
         return cls(rows_of(observations, first), *merged)
 
 
-def actor_of(values: Any) -> Any:
+def actor_of(values: object) -> Any:
     """Return a potential's network if it is the only source and reads the same observations."""
     edges: Any = getattr(values, "edges", ())
     sources: Any = getattr(values, "values", ())
@@ -103,7 +103,7 @@ def actor_of(values: Any) -> Any:
     return sources[0] if getattr(sources[0], "kind", "") == "value_net" else None
 
 
-def rows_of(observations: Any, rows: IntArray | BoolArray) -> Any:
+def rows_of(observations: object, rows: IntArray | BoolArray) -> Any:
     """Return some of n stacked observations."""
     return assembled({name: part[rows] for name, part in parts_of(observations).items()})
 
@@ -142,7 +142,7 @@ class Miniatures(ObservationTask):
         known = Knowledge.joined([member.knowledge() for member in self.solved])
         return known.shuffled(seed) if self.shuffled else known
 
-    def examined(self, values: Any) -> "tuple[Examined, ...]":
+    def examined(self, values: object) -> "tuple[Examined, ...]":
         """Return a network's exact returns on held-out levels; `tested_on` come last."""
         return tuple(member.examined(values) for member in (*self.solved, *self.solved_tests))
 
@@ -323,7 +323,7 @@ class SolvedMember:
         start = held_out_start if held_out else self.table.mdp.start
         size = self.table.states.size, self.table.actions.size
 
-        def worth(policy: Any) -> float:
+        def worth(policy: object) -> float:
             return float(evaluate(self.table, policy).values @ start / start.sum())
 
         sampled = float("nan")

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,11 @@ try:
     from stable_baselines3.common.vec_env import unwrap_vec_normalize
 except ModuleNotFoundError:  # the extra is not installed: SmallCNN raises ImportError
     BaseFeaturesExtractor = object
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.policies import BasePolicy
+    from stable_baselines3.common.vec_env import VecEnv
 
 FEW = 64  # observations up to which NumPy is quicker than PyTorch
 MOST_PRODUCTS = 2**18
@@ -71,7 +76,7 @@ class NetworkValues:
     ((5,), (5,), True)
     """
 
-    def __init__(self, policy: Any, values_offset: ObservationPotential | None = None):
+    def __init__(self, policy: object, values_offset: ObservationPotential | None = None):
         if not isinstance(policy, torch.nn.Module):
             raise PotentialError(f"values are those of model.policy: got {policy!r}")
         self.policy, self.values_offset = policy, values_offset
@@ -91,7 +96,7 @@ class NetworkValues:
         """Whether the policy has a Q(s, a) for each numbered action."""
         return self.kind in ("q_net", "quantile_net")
 
-    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+    def q(self, observations: object, actions: npt.NDArray[Any]) -> FloatArray:
         """Return Q(s, a) in the shape of `actions`; SAC's kind takes one action a state."""
         if self.kind == "value_net":
             raise no_actions(self)
@@ -110,7 +115,7 @@ class NetworkValues:
             values = self._critics(observations, scaled)
         return self._with_offset(values, observations)
 
-    def v(self, observations: Any) -> FloatArray:
+    def v(self, observations: object) -> FloatArray:
         """Return V(s), (n,) float64."""
         if self.kind == "critic":
             values = self._critics(observations)
@@ -128,7 +133,7 @@ class NetworkValues:
         tensors = {name: torch.as_tensor(value) for name, value in parameters.items()}
         self.policy.load_state_dict(tensors)
 
-    def _seen(self, observations: Any) -> Any:
+    def _seen(self, observations: object) -> Any:
         if self.policy.training:
             self.policy.set_training_mode(False)
         try:
@@ -158,7 +163,7 @@ class NetworkValues:
             outputs = outputs.reshape(len(outputs), -1, n_actions).mean(axis=1)
         return outputs
 
-    def _critics(self, observations: Any, actions: Any = None) -> FloatArray:
+    def _critics(self, observations: object, actions: object = None) -> FloatArray:
         """Return the critics' least Q of scaled actions, by default of the actor's, (n,)."""
         with torch.no_grad():
             seen = self._seen(observations)
@@ -172,7 +177,7 @@ class NetworkValues:
             values = [_array(q)[:, 0] for q in critics]
         return np.asarray(np.stack(values).min(axis=0))
 
-    def _with_offset(self, values: FloatArray, observations: Any) -> FloatArray:
+    def _with_offset(self, values: FloatArray, observations: object) -> FloatArray:
         if self._standardized is not None:  # of normalised rewards
             values = values * float(self._standardized.running_reward)
         if self.values_offset is None:
@@ -181,17 +186,19 @@ class NetworkValues:
         return values + (phi[:, None] if values.ndim == 2 else phi)
 
 
-def _array(tensor: Any) -> FloatArray:
+def _array(tensor: "torch.Tensor") -> FloatArray:
     return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
 
 
-def acting(model: Any, environments: Sequence[Any], *, sampled: bool = False) -> Policy:
+def acting(
+    model: "BaseAlgorithm | BasePolicy", environments: Sequence[Any], *, sampled: bool = False
+) -> Policy:
     """Return how a model acts in episodes side by side, with its memory and masks of actions."""
     masked = needs_of(model) == "masks of actions"
     memory: Any = None  # arrays (layers, episodes, size), of those that ran before
     before: Sequence[int] = ()
 
-    def policy(observations: Any, running: Sequence[int]) -> tuple[Any, Any]:
+    def policy(observations: object, running: Sequence[int]) -> Any:
         nonlocal memory, before
         kept, masks = np.isin(before, running), {}
         if masked:
@@ -201,7 +208,7 @@ def acting(model: Any, environments: Sequence[Any], *, sampled: bool = False) ->
         begins = np.full(len(running), not before)
         actions, memory = model.predict(observations, state, begins, not sampled, **masks)
         before = running
-        return actions, np.zeros(len(running))  # it predicts no values
+        return actions
 
     return policy
 
@@ -249,7 +256,7 @@ class PlainNetwork:
         return outputs
 
 
-def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
+def plain_network(policy: "BasePolicy", kind: str) -> PlainNetwork | None:
     """Return a policy's network from vectors to values; None if any part of it is unusual."""
     if kind == "critic":
         return None
@@ -292,8 +299,8 @@ class Standardized(BaseFeaturesExtractor):
 
     def __init__(
         self,
-        observation_space: Any,
-        extractor_class: Any = None,
+        observation_space: Space[Any],
+        extractor_class: "type[BaseFeaturesExtractor] | None" = None,
         extractor_kwargs: Mapping[str, Any] | None = None,
         *,
         epsilon: float | None = 1e-8,
@@ -304,7 +311,11 @@ class Standardized(BaseFeaturesExtractor):
             observation_space, **(extractor_kwargs or {})
         )
         super().__init__(observation_space, inner.features_dim)
-        parts = observation_space.spaces if whole else {"": observation_space}
+        parts = (
+            observation_space.spaces
+            if isinstance(observation_space, Dict)
+            else {"": observation_space}
+        )
         boxes = [key for key, part in parts.items() if isinstance(part, Box)]
         self.inner, self.epsilon = inner, epsilon
         self.numbers = {key: f"running_{i}" for i, key in enumerate(boxes) if epsilon is not None}
@@ -315,11 +326,11 @@ class Standardized(BaseFeaturesExtractor):
         self.register_buffer("running_reward", torch.ones(()))
 
     @staticmethod
-    def of(policy: Any) -> "Iterator[Standardized]":
+    def of(policy: "BasePolicy") -> "Iterator[Standardized]":
         """Yield the standardising parts of a policy."""
         return (part for part in policy.modules() if isinstance(part, Standardized))
 
-    def see(self, policy: Any, observations: Any, venv: Any = None) -> None:
+    def see(self, policy: "BasePolicy", observations: object, venv: "VecEnv | None" = None) -> None:
         """Count n observations in, and take over the spread of a ``VecNormalize``'s returns."""
         seen = policy.obs_to_tensor(observations)[0]
         seen = preprocess_obs(seen, self._observation_space, policy.normalize_images)
@@ -337,7 +348,7 @@ class Standardized(BaseFeaturesExtractor):
             spread = float(np.sqrt(normalized.ret_rms.var + normalized.epsilon))
             self.running_reward.fill_(spread)
 
-    def forward(self, observations: Any) -> Any:
+    def forward(self, observations: object) -> "torch.Tensor":
         """Return the features of n observations, (n, features_dim)."""
         scaled = dict(observations) if isinstance(observations, Mapping) else {"": observations}
         for key, name in self.numbers.items():
@@ -369,7 +380,7 @@ class SmallCNN(BaseFeaturesExtractor):
     torch.Size([5, 64])
     """
 
-    def __init__(self, observation_space: Any, features_dim: int = 128, channels: int = 16):
+    def __init__(self, observation_space: Space[Any], features_dim: int = 128, channels: int = 16):
         if BaseFeaturesExtractor is object:
             raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
         shape: tuple[int, ...] = observation_space.shape or ()
@@ -392,6 +403,6 @@ class SmallCNN(BaseFeaturesExtractor):
             torch.nn.ReLU(),
         )
 
-    def forward(self, observations: Any) -> Any:
+    def forward(self, observations: object) -> "torch.Tensor":
         """Return the features of n pictures, (n, features_dim)."""
         return self.layers(observations)

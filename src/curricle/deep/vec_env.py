@@ -1,6 +1,5 @@
 """A vector environment of Stable-Baselines3 with shaped rewards: :class:`ShapedVecEnv`."""
 
-import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -25,17 +24,6 @@ try:
     from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize
 except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
     VecEnv = VecEnvWrapper = object
-
-
-def whole_state(wrapper: Any) -> dict[str, Any]:
-    """Return the attributes of a wrapper, with the environments, that can be pickled."""
-    # class_attributes are the class's members, of which some cannot be.
-    return {name: value for name, value in vars(wrapper).items() if name != "class_attributes"}
-
-
-def set_whole_state(wrapper: Any, state: dict[str, Any]) -> None:
-    """Set what :func:`whole_state` returned."""
-    vars(wrapper).update(state, class_attributes=dict(inspect.getmembers(type(wrapper))))
 
 
 class ShapedVecEnv(Shaped, VecEnvWrapper):
@@ -103,8 +91,6 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         self._stacked_space = batch_space(space, venv.num_envs)
         self._episodes = Episodes(self._potential, venv.num_envs)
 
-    __getstate__, __setstate__ = whole_state, set_whole_state
-
     def reset(self) -> Any:
         """Reset all sub-environments and return what they return."""
         observations = self.venv.reset()
@@ -129,7 +115,7 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         ends = (dones & ~truncated).tolist(), truncated.tolist()
         done = self._episodes.step(rows, rewards.tolist(), *ends, begun, observations)
         sources, shaped_infos = self._potential.sources, []
-        parts = zip(infos, rewards.tolist(), done.shaping, done.there, strict=True)
+        parts = zip(infos, rewards.tolist(), done.shaping, done.phi, strict=True)
         for i, (info, reward, (shaping, *terms), there) in enumerate(parts):
             shown = {"original_reward": reward, "shaping": shaping, "potential": there[0]}
             if len(sources) > 1:
@@ -138,7 +124,7 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
         return observations, shaped, dones, shaped_infos
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
+    def env_method(self, method_name: str, *args: Any, indices: object = None, **named: Any) -> Any:
         """Call a method of the environments; SettingError where it recomputes rewards."""
         if method_name == "compute_reward":
             raise SettingError(

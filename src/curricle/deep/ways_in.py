@@ -5,12 +5,16 @@ start at phi, but the sum of phi and a network that starts at 0 can be learnt.
 """
 
 from copy import deepcopy
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import torch
+from gymnasium.spaces import Dict, Space
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.distributions import kl_divergence
+from stable_baselines3.common.noise import ActionNoise
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.dqn import policies as dqn
 from stable_baselines3.dqn.policies import QNetwork
 
@@ -18,10 +22,11 @@ from curricle.checks import one_of
 from curricle.deep.networks import NetworkValues, Standardized, plain_layers
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
-from curricle.tasks.observation_task import shapes_of
+from curricle.tasks.observation_task import Observations, shapes_of
 from curricle.transfer.mapping import no_actions
 from curricle.transfer.potential import ObservationPotential
 
+Tensors: TypeAlias = torch.Tensor | dict[str, torch.Tensor]  # n observations of a policy
 # Prefixes of the critic's parameters in an actor-critic.
 VALUE_HEAD = ("value_net", "mlp_extractor.value_net", "vf_features_extractor")
 REUSED = 0.5  # part of the budget in which the sources' policy is acted on, or pulls, less and less
@@ -64,11 +69,11 @@ class _Residual:
                 return network.running_shift.device
         return super().device  # type: ignore[misc]
 
-    def obs_to_tensor(self, observation: Any) -> tuple[Any, bool]:
+    def obs_to_tensor(self, observation: Observations) -> tuple[Tensors, bool]:
         """Return observations as tensors, usual stacks at once, and whether they are several."""
         wanted = self.observation_space.shape  # type: ignore[attr-defined]
         several = isinstance(observation, np.ndarray) and observation.ndim > 0
-        if several and observation.shape[1:] == wanted:
+        if several and observation.shape[1:] == wanted:  # type: ignore[union-attr]
             return torch.as_tensor(observation, device=self.device), True
         return super().obs_to_tensor(observation)  # type: ignore[misc, no-any-return]
 
@@ -77,10 +82,10 @@ class _Residual:
         if mode != self.training:  # type: ignore[attr-defined]
             super().set_training_mode(mode)  # type: ignore[misc]
 
-    def make_q_net(self) -> Any:
+    def make_q_net(self) -> "ResidualQNetwork":
         settings = self._update_features_extractor(self.net_args, features_extractor=None)  # type: ignore[attr-defined]
         network = ResidualQNetwork(**settings, cache=self.cache, reads=self.reads)
-        return network.to(self.device)
+        return network.to(self.device)  # type: ignore[no-any-return]
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         arguments = super()._get_constructor_parameters()  # type: ignore[misc]
@@ -121,12 +126,12 @@ class ResidualQNetwork(QNetwork):
         torch.nn.init.zeros_(self.q_net[-1].bias)
         self._plain = plain_layers([*self.q_net], self.features_extractor, self.observation_space)
 
-    def forward(self, obs: Any) -> torch.Tensor:
+    def forward(self, obs: Tensors) -> torch.Tensor:
         """Return Q(s, a), (n, A)."""
         phi, best = self.cache.of(obs)
         return self.q_net(self._features(obs, phi, best)) + phi
 
-    def _predict(self, observation: Any, deterministic: bool = True) -> torch.Tensor:
+    def _predict(self, observation: torch.Tensor, deterministic: bool = True) -> torch.Tensor:
         """Return the best action of each observation, (n,), with NumPy where that is quicker."""
         plain = self._plain
         if plain is None or not plain.is_quicker_for(len(observation)):
@@ -139,7 +144,7 @@ class ResidualQNetwork(QNetwork):
             inputs = np.concatenate([inputs, scaled], axis=1, dtype=np.float32)
         return torch.from_numpy((plain.read(inputs) + phi).argmax(axis=1))
 
-    def _features(self, obs: Any, phi: torch.Tensor, best: torch.Tensor) -> torch.Tensor:
+    def _features(self, obs: Tensors, phi: torch.Tensor, best: torch.Tensor) -> torch.Tensor:
         """Return the residual's input, (n, features); phi is (n, A), best is Phi(s), (n, 1)."""
         features: torch.Tensor = self.extract_features(obs, self.features_extractor)
         if self.reads == "nothing":
@@ -156,13 +161,19 @@ class ResidualQNetwork(QNetwork):
         return torch.cat([features, scaled], dim=1)
 
 
-def as_observed(space: Any, seen: Any) -> Any:
+def as_observed(space: Space[Any], seen: Observations) -> Observations:
     """Return n observations as a task has them: Stable-Baselines3 moves pictures' channels."""
     if isinstance(seen, dict):
-        return {key: as_observed(space[key], part) for key, part in seen.items()}
-    if seen.shape[1:] != space.shape and seen.ndim == 4:
+        assert isinstance(space, Dict)
+        return {key: _part_as_observed(space[key], part) for key, part in seen.items()}
+    return _part_as_observed(space, seen)
+
+
+def _part_as_observed(space: Space[Any], seen: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    shape: tuple[int, ...] = space.shape or ()
+    if seen.shape[1:] != shape and seen.ndim == 4:
         return np.moveaxis(seen, 1, -1)
-    return seen.reshape(len(seen), *space.shape)
+    return seen.reshape(len(seen), *shape)
 
 
 class PotentialCache:
@@ -173,7 +184,7 @@ class PotentialCache:
         self.places: dict[bytes, int] = {}
         self.values = np.empty((0, 1 + self.n_actions), dtype=np.float32)
 
-    def of(self, obs: Any) -> tuple[torch.Tensor, torch.Tensor]:
+    def of(self, obs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
         """Return phi(s, a), (n, A), and Phi(s) = max_a phi(s, a), (n, 1), of tensors."""
         if isinstance(obs, dict):
             device = next(iter(obs.values())).device
@@ -183,7 +194,7 @@ class PotentialCache:
         phi, best = map(torch.from_numpy, arrays)
         return phi.to(device), best.to(device)
 
-    def read(self, seen: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def read(self, seen: Observations) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Return phi(s, a), (n, A), and Phi(s), (n, 1), of arrays."""
         if isinstance(seen, dict):
             both = self._computed(seen)
@@ -195,7 +206,7 @@ class PotentialCache:
             both = self.values[list(map(self.places.__getitem__, keys))]
         return both[:, 1:], both[:, :1]
 
-    def _computed(self, seen: Any) -> npt.NDArray[np.float32]:
+    def _computed(self, seen: Observations) -> npt.NDArray[np.float32]:
         phi = self.potential.pairs(as_observed(self.potential.task.observations, seen))
         return np.concatenate([phi.max(axis=1, keepdims=True), phi], axis=1, dtype=np.float32)
 
@@ -216,7 +227,7 @@ class PotentialCache:
 # -- a source's parameters ------------------------------------------------------------------------
 
 
-def carry_over(model: Any, shaping: Shaping, *, actor_alone: bool) -> None:
+def carry_over(model: BaseAlgorithm, shaping: Shaping, *, actor_alone: bool) -> None:
     """Load the only source's parameters into a model: all, or the actor's."""
     for edge in shaping.potential.edges:
         mapping = edge.mapping
@@ -285,14 +296,14 @@ class _Reuse:
     guide: ObservationPotential
 
     def _sample_action(
-        self, learning_starts: int, action_noise: Any = None, n_envs: int = 1
-    ) -> Any:
+        self, learning_starts: int, action_noise: ActionNoise | None = None, n_envs: int = 1
+    ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         left = pull(self._current_progress_remaining)  # type: ignore[attr-defined]
         if np.random.rand() < left:  # noqa: NPY002 - as Stable-Baselines3 draws
             seen = as_observed(self.guide.task.observations, self._last_obs)  # type: ignore[attr-defined]
             actions = self.guide.pairs(seen).argmax(axis=1)
             return actions, actions
-        return super()._sample_action(learning_starts, action_noise, n_envs)  # type: ignore[misc]
+        return super()._sample_action(learning_starts, action_noise, n_envs)  # type: ignore[misc, no-any-return]
 
 
 def reusing(algorithm: type) -> type:
@@ -307,22 +318,22 @@ class _WithLoss(torch.autograd.Function):
     """The identity, which adds a further loss to any loss that is computed from its result."""
 
     @staticmethod
-    def forward(ctx: Any, x: torch.Tensor, loss: torch.Tensor) -> torch.Tensor:
+    def forward(ctx: object, x: torch.Tensor, loss: torch.Tensor) -> torch.Tensor:
         return x.view_as(x)
 
     @staticmethod
-    def backward(ctx: Any, *gradient: torch.Tensor) -> Any:
+    def backward(ctx: object, *gradient: torch.Tensor) -> tuple[torch.Tensor, ...]:
         return *gradient, gradient[0].new_ones(())
 
 
 class _NearSource:
     """Makes an actor-critic policy add w KL(source || pi) to its algorithm's loss."""
 
-    source: Any  # the frozen policy to be near to
+    source: BasePolicy  # the frozen policy to be near to
     kl_weight: float
 
     def evaluate_actions(
-        self, obs: Any, actions: torch.Tensor
+        self, obs: Tensors, actions: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
         values, log_prob, entropy = super().evaluate_actions(obs, actions)  # type: ignore[misc]
         if self.kl_weight > 0:
@@ -332,7 +343,7 @@ class _NearSource:
             log_prob = _WithLoss.apply(log_prob, loss)
         return values, log_prob, entropy
 
-    def _distance(self, obs: Any) -> torch.Tensor:
+    def _distance(self, obs: Tensors) -> torch.Tensor:
         """Return KL(source's policy || this policy) in the observations just evaluated, (n,)."""
         with torch.no_grad():
             wanted = self.source.get_distribution(obs)
@@ -351,7 +362,7 @@ class _Kickstarted:
         self.logger.record("train/kl_weight", self.policy.kl_weight)  # type: ignore[attr-defined]
 
 
-def kickstarted(algorithm: type, policy: Any) -> tuple[type, type]:
+def kickstarted(algorithm: type, policy: str | type) -> tuple[type, type]:
     """Return the algorithm and the policy class of a learner that is kept near a source."""
     aliases = algorithm.policy_aliases  # type: ignore[attr-defined]
     if isinstance(policy, str):
@@ -361,7 +372,7 @@ def kickstarted(algorithm: type, policy: Any) -> tuple[type, type]:
     return type(f"Kickstarted{algorithm.__name__}", (_Kickstarted, algorithm), {}), near
 
 
-def begin_near(model: Any, kl: float) -> None:
+def begin_near(model: BaseAlgorithm, kl: float) -> None:
     """Weigh by `kl` the distance of a model's actor from its present state, that of the source."""
     policy = model.policy
     if getattr(policy, "use_sde", False):

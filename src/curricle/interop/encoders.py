@@ -116,7 +116,7 @@ class EncodedObservations(gym.ObservationWrapper[Any, Any, Any]):
         super().__init__(env)
         self.encoded, self.observation_space = encoded, space
 
-    def observation(self, observation: Any) -> Any:
+    def observation(self, observation: object) -> Any:
         """Return the observation encoded."""
         return self.encoded(self.unwrapped, observation)
 
@@ -149,11 +149,11 @@ class _MiniGridEncoder:
         if self.picture and self.mission:
             raise SettingError("a picture has no mission: got picture=True and mission=True")
 
-    def _cells(self, base: Any, observation: Any) -> Cells:
+    def _cells(self, base: object, observation: Any) -> Cells:
         """Return the cells that are encoded, (width, height, 20)."""
         return _one_hot(observation["image"])
 
-    def _size(self, base: Any, image_size: tuple[int, int]) -> tuple[int, int]:
+    def _size(self, base: object, image_size: tuple[int, int]) -> tuple[int, int]:
         """Return the width and height in cells, by default of MiniGrid's own image."""
         return image_size
 
@@ -272,11 +272,11 @@ class MiniGridFullView(_MiniGridEncoder):
         left, top = (self.width - base.width) // 2, (self.height - base.height) // 2
         codes[left : left + base.width, top : top + base.height] = base.grid.encode()
         cells, (x, y) = _one_hot(codes), base.agent_pos
-        here = cells[left + x, top + y]
-        here[AGENT] = 1
+        agent_cell = cells[left + x, top + y]
+        agent_cell[AGENT] = 1
         if base.carrying is not None:
             carried, colour, _ = base.carrying.encode()
-            here[[carried, OBJECTS + colour]] = 1
+            agent_cell[[carried, OBJECTS + colour]] = 1
         return cells
 
 

@@ -34,12 +34,12 @@ from curricle.interop.states import (
     fingerprint,
     time_limit_of,
 )
-from curricle.tasks.domain import cell_space
+from curricle.tasks.grid import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import compiled, draw
 from curricle.tasks.live import OLD_GYM, LiveMDP, is_live
 from curricle.tasks.mdp import FiniteMDP, available_actions, generative_model
-from curricle.tasks.models import Functions, check_answers, first_state, transition
+from curricle.tasks.models import check_answers, first_state, has_users_code, transition
 from curricle.tasks.observation_task import (
     EnvironmentMaker,
     ObservationTask,
@@ -51,7 +51,7 @@ from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 
 if TYPE_CHECKING:
-    from curricle.show.scenes import Scene
+    from curricle.pictures.scenes import Scene
 
 Environment = gym.Env[Any, Any] | str | EnvSpec | EnvironmentMaker | Callable[..., Any]
 TimeLimit = int | None | Literal["own"]
@@ -145,7 +145,7 @@ def from_gymnasium(
         world: Any = env.unwrapped
         stated = getattr(env.spec, "max_episode_steps", None)
         limit: Any = time_limit_of(env, stated) if time_limit == "own" else time_limit
-        known, moves = names_of(env)
+        named, moves = names_of(env)
         act, actions = actions_of(env.action_space, actions, moves)
         number = encode
         outcomes = outcomes_of(world) if encode is None and not live and has_table(env) else None
@@ -162,8 +162,8 @@ def from_gymnasium(
             if isinstance(environment, gym.Env):
                 _check_unchanged(env, make)
             number, space = _observations(env.observation_space, encode, states)
-        if encode is None and known is not None and known.size == space.size:
-            space = known
+        if encode is None and named is not None and named.size == space.size:
+            space = named
         states = with_space("states", space, states)
         if names is not None:
             if sizes is None and len(space.names) == 1 < len(names):
@@ -207,7 +207,7 @@ def _observations(
 
 
 def actions_of(
-    space: gym.Space[Any], actions: Space | Sequence[str] | None, known: Space | None
+    space: gym.Space[Any], actions: Space | Sequence[str] | None, moves: Space | None
 ) -> tuple[Callable[[int], Any], Space]:
     """Return the function from an action's number to the environment's action, and the space."""
     if not is_discrete(space):
@@ -217,8 +217,8 @@ def actions_of(
         )
     act = index if counts_from_0(space) else Point(space)
     named = space_of(space, "action")
-    if known is not None and known.size == named.size:
-        named = known
+    if moves is not None and moves.size == named.size:
+        named = moves
     if actions is None or isinstance(actions, Space):
         return act, with_space("actions", named, actions)
     if len(named.components) > 1:
@@ -295,13 +295,13 @@ def suggested_ids(name: str) -> str:
         return ""
     if find_spec("minigrid"):
         import_module("minigrid")
-    ids = {known.lower(): known for known in registry}
+    ids = {entry.lower(): entry for entry in registry}
     written = name.lower()
-    inside = [known for known in ids if written in known]
-    near = inside or get_close_matches(written, ids, SUGGESTED, 0.6)
+    near = [entry for entry in ids if written in entry]
+    near = near or get_close_matches(written, ids, SUGGESTED, 0.6)
     shown = [
-        f"{'minigrid:' * str(registry[ids[known]].entry_point).startswith('minigrid')}{ids[known]}"
-        for known in near[:SUGGESTED]
+        "minigrid:" * str(registry[entry].entry_point).startswith("minigrid") + entry
+        for entry in map(ids.__getitem__, near[:SUGGESTED])
     ]
     return f", did you mean {' or '.join(shown)}?" if shown else ""
 
@@ -319,8 +319,8 @@ def maker_of(
             f"an environment that is already made takes no arguments: got {', '.join(arguments)}"
         )
     source = environment.spec if isinstance(environment, gym.Env) else environment
-    known = isinstance(environment, gym.Env) or isinstance(source, str | EnvSpec)
-    if not known and not callable(source):
+    has_spec = isinstance(environment, gym.Env) or isinstance(source, str | EnvSpec)
+    if not has_spec and not callable(source):
         raise TaskError(
             "an environment must be an id, a specification, a gymnasium.Env, or a class or "
             f"function that makes one: got {source!r}"
@@ -398,19 +398,19 @@ def with_space(points: str, space: Space, other: Space | None) -> Space:
 
 def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
     """Return a space of states with other names; `sizes`, of each name, split a single number."""
-    here = ", ".join(space.names)
+    components = ", ".join(space.names)
     if sizes is None and len(names) == len(space.names):
         pairs = zip(space.components, names, strict=True)
         return Space([replace(c, name=name) for c, name in pairs], space.points)
     if sizes is None:
         raise TaskError(
-            f"names must have a name for each component of a state, in the order of {here}: got "
-            f"{len(names)}, {', '.join(names) or 'none'}"
+            "names must have a name for each component of a state, in the order of "
+            f"{components}: got {len(names)}, {', '.join(names) or 'none'}"
         )
     if isinstance(sizes, str) or not isinstance(sizes, Sequence):
         raise TaskError(f"sizes must be a list of whole numbers: got {sizes!r}")
     if len(space.components) > 1:
-        raise TaskError(f"sizes are for observations that are one number: these have {here}")
+        raise TaskError(f"sizes are for observations that are one number: these have {components}")
     if len(sizes) != len(names):
         raise TaskError(
             f"sizes must have a number for each name, {', '.join(names)}: got {list(sizes)}"
@@ -496,7 +496,7 @@ def outcomes_available(world: Any, outcomes: Any) -> Any:
     ]
 
 
-def names_of(env: Any) -> tuple[Space | None, Space | None]:
+def names_of(env: gym.Env[Any, Any]) -> tuple[Space | None, Space | None]:
     """Return named state and action spaces of a known environment, None for others."""
     *wrappers, world = layers_of(env)
     if not all(acts_as(wrapper, *HARMLESS, gym.RewardWrapper) for wrapper in wrappers):
@@ -516,8 +516,10 @@ def names_of(env: Any) -> tuple[Space | None, Space | None]:
     else:
         return None, None
     # A subclass with a step of its own may go anywhere, so that its actions have no labels.
-    known = acts_as(world, *TOY_TEXT, methods=["step"])
-    return states, Space([Component("move", len(labels), labels=tuple(labels) if known else None)])
+    standard = acts_as(world, *TOY_TEXT, methods=["step"])
+    return states, Space(
+        [Component("move", len(labels), labels=tuple(labels) if standard else None)]
+    )
 
 
 # -- discrete spaces, both ways --------------------------------------------------------------------
@@ -717,7 +719,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
         self.observation_space, self.action_space = self._states.gym_space, self._actions.gym_space
         self._rules, self._model = rules, rules.model
         self._restricted = getattr(self._model, "available", None) is not None
-        self._users_code = isinstance(self._model, Functions)
+        self._users_code = has_users_code(self._model)
         self._begun = compiled(_begun, self._users_code)
         self._moved = compiled(_moved, self._users_code)
         self._stream = np.zeros(1, np.uint64)
@@ -772,7 +774,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
 
     @cached_property
     def _scene(self) -> "Scene":
-        from curricle.show.scenes import scene_of
+        from curricle.pictures.scenes import scene_of
 
         return scene_of(self.task)
 

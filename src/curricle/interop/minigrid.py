@@ -40,12 +40,12 @@ class Level:
         self.plain = [name for name, value in self.constants.items() if _is_plain(value)]
         self.values_of_plain = itemgetter(*self.plain, "mission")
         # The different objects in cells and in boxes, in the order of the cells.
-        met = dict[int, Any]()
+        things = dict[int, Any]()
         for thing in env.grid.grid:
-            while thing is not None and id(thing) not in met:
-                met[id(thing)] = thing
+            while thing is not None and id(thing) not in things:
+                things[id(thing)] = thing
                 thing = thing.contains
-        objects = [thing for thing in met.values() if thing.type not in STILL]
+        objects = [thing for thing in things.values() if thing.type not in STILL]
         # What steps change of MiniGrid's own objects is known; of others all is saved.
         standard = [type(thing).__module__ == "minigrid.core.world_object" for thing in objects]
         plain = [thing for thing, known in zip(objects, standard, strict=True) if known]
@@ -91,7 +91,7 @@ class Level:
         return components
 
 
-def _is_plain(value: Any) -> bool:
+def _is_plain(value: object) -> bool:
     return all(map(_is_plain, value)) if isinstance(value, tuple) else isinstance(value, PLAIN)
 
 
@@ -100,7 +100,7 @@ def _place(place: Any) -> Any:
     return place if place is None or type(place) is tuple else tuple(place.tolist())
 
 
-def _items(thing: Any) -> tuple[tuple[str, Any], ...]:
+def _items(thing: object) -> tuple[tuple[str, Any], ...]:
     return tuple(
         (name, tuple(value.tolist()) if isinstance(value, np.ndarray) else value)
         for name, value in vars(thing).items()
@@ -188,8 +188,8 @@ def _unit() -> float:
 def _pay_one(env: Environment) -> str:
     """Let the goal pay 1 and return a note of it; keep a subclass's reward and return nothing."""
     base: Any = env.unwrapped
-    known = sys.modules["minigrid.minigrid_env"].MiniGridEnv._reward
-    if type(base)._reward is not known or vars(base).get("_reward", _unit) is not _unit:
+    usual = sys.modules["minigrid.minigrid_env"].MiniGridEnv._reward
+    if type(base)._reward is not usual or vars(base).get("_reward", _unit) is not _unit:
         return ""
     base._reward = _unit
     return "goal reward 1"
@@ -215,7 +215,7 @@ class _TimelessCopies(Copies):
     def prepare(self, env: Environment) -> None:
         self.note = _pay_one(env)
 
-    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> tuple[Environment, Sequence[Any]]:
         copy, generators = super().restore(env, content)
         base: Any = copy.unwrapped
         base.step_count = _time(next(self.times), base)
@@ -293,9 +293,9 @@ def _outside() -> Any:
 @cache
 def _observes_as_minigrid(kind: type, grid: type) -> bool:
     """Return whether a class of environments and its class of grids observe as MiniGrid does."""
-    known: Any = sys.modules["minigrid.minigrid_env"].MiniGridEnv
+    base: Any = sys.modules["minigrid.minigrid_env"].MiniGridEnv
     names = "gen_obs", "gen_obs_grid", "get_view_exts"
-    inherited = all(getattr(kind, name) is getattr(known, name) for name in names)
+    inherited = all(getattr(kind, name) is getattr(base, name) for name in names)
     return inherited and grid is sys.modules["minigrid.core.grid"].Grid
 
 
@@ -305,7 +305,7 @@ def quicken(env: Any) -> None:
         env.gen_obs = partial(observation_of, env)
 
 
-def observes_itself(env: Any) -> bool:
+def observes_itself(env: object) -> bool:
     """Return whether an environment's observations are MiniGrid's own."""
     replaced: Any = vars(env).get("gen_obs")
     return replaced is None or getattr(replaced, "func", None) is observation_of
@@ -314,7 +314,7 @@ def observes_itself(env: Any) -> bool:
 class _View(Unseen, UserDict[str, Any]):
     """An observation that is computed when it is read."""
 
-    def __init__(self, env: Any):
+    def __init__(self, env: object):
         self.env = env
 
     @cached_property
@@ -352,12 +352,12 @@ class MiniGridAccess(StateAccess):
             self.gen_obs = replaced
         self.env = base
         digest = fingerprint(base, left_out(base) | MOVED | SHOWN | REPLACED)
-        met = self.by_digest.get(digest)
-        if met is not None:
-            here = base.agent_pos, base.agent_dir, base.step_count
+        level = self.by_digest.get(digest)
+        if level is not None:
+            agent = base.agent_pos, base.agent_dir, base.step_count
             self.level = None  # attributes that refer to the new objects are restored, too
-            self.restore(base, met.content)
-            base.agent_pos, base.agent_dir, base.step_count = here
+            self.restore(base, level.content)
+            base.agent_pos, base.agent_dir, base.step_count = agent
         else:
             self.level = self.by_digest[digest] = Level(len(self.levels), base)
             self.levels.append(self.level)
@@ -406,7 +406,7 @@ class MiniGridAccess(StateAccess):
         base.step_count = step if self.own_reward else _time(next(self.times), base)
         return env, (base.np_random,)
 
-    def observation(self, env: Environment, returned: Any) -> Any:
+    def observation(self, env: Environment, returned: object) -> Any:
         """Return the observation of the state that the environment is in."""
         return returned.data if isinstance(returned, _View) else returned
 

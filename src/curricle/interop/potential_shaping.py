@@ -89,7 +89,7 @@ class Source:
             f"observations, or a source of values: {name!r} is {potential!r}"
         )
 
-    def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
+    def read(self, rows: Sequence[Any], stacked: object, steps: Steps) -> list[float]:
         """Return Phi_i of n observations, (n,)."""
         potential = self.potential
         if self.of_values:
@@ -114,7 +114,7 @@ class Source:
         phi = weights * potential.values[frame, states]
         return phi.tolist()  # type: ignore[no-any-return]
 
-    def _value(self, observation: Any) -> float:
+    def _value(self, observation: object) -> float:
         """Return the function's value; PotentialError unless it is a number."""
         value = self.read_from(observation)
         try:
@@ -125,7 +125,7 @@ class Source:
                 f"observation {observation!r}"
             ) from None
 
-    def _state(self, observation: Any) -> int:
+    def _state(self, observation: object) -> int:
         """Return the number of the state that an observation shows; SettingError if it is none."""
         returned = self.read_from(observation)
         try:
@@ -143,7 +143,7 @@ class Source:
         return state
 
 
-def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
+def unstack(space: gymnasium.Space[Any], stacked: object) -> list[Any]:
     """Return stacked observations as a list; `space` is the space of the stack."""
     if isinstance(stacked, np.ndarray):
         return list(stacked)  # as `iterate` does, and quicker
@@ -229,7 +229,7 @@ class ShapingPotential:
         if tolerance is not None:
             self.allowed = max(tolerance, NETWORK_ROUNDING if self._stacks else 0.0)
 
-    def read(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
+    def read(self, rows: list[Any], steps: Steps, stacked: object = None) -> list[list[float]]:
         """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, of n observations."""
         if not rows:
             return []
@@ -275,7 +275,7 @@ class Episode:
 
     first: Any  # the observation it began with
     begun: int  # the step at which it began
-    here: list[float]  # the potentials of the state it has reached
+    phi: list[float]  # the potentials of the state it has reached
     largest: float = 0.0  # |Phi| met so far
     power: float = 1.0  # gamma^t
     shaped: float = 0.0  # sum of gamma^t F_t
@@ -283,13 +283,13 @@ class Episode:
 
     def __post_init__(self) -> None:
         self.first = deepcopy(self.first)  # environments may write over what they returned
-        self.largest = abs(self.here[0])
+        self.largest = abs(self.phi[0])
 
-    def step(self, there: list[float], reward: float, discount: float) -> list[float]:
-        """Step to a state of potentials `there`; return F = gamma Phi(s') - Phi(s) of each."""
-        shaping = [discount * after - before for after, before in zip(there, self.here)]  # noqa: B905
-        self.here = there
-        self.largest = max(self.largest, abs(there[0]))
+    def step(self, phi: list[float], reward: float, discount: float) -> list[float]:
+        """Step to a state of potentials `phi`; return F = gamma Phi(s') - Phi(s) of each."""
+        shaping = [discount * after - before for after, before in zip(phi, self.phi)]  # noqa: B905
+        self.phi = phi
+        self.largest = max(self.largest, abs(phi[0]))
         self.shaped += self.power * shaping[0]
         self.power *= discount
         self.original += reward
@@ -297,7 +297,7 @@ class Episode:
 
     def end(self, potential: ShapingPotential, start: float, place: str) -> dict[str, float]:
         """Return the report of an ended episode, whose Phi(s_0), computed anew, is `start`."""
-        residual = self.shaped - (self.power * self.here[0] - start)
+        residual = self.shaped - (self.power * self.phi[0] - start)
         if abs(residual) > potential.allowed * self.largest:
             raise PotentialError(
                 "an episode's shaping must come to gamma^T Phi(s_T) - Phi(s_0), as it does where "
@@ -311,7 +311,7 @@ class ShapedStep(NamedTuple):
     """A step of n environments with shaped rewards."""
 
     shaping: list[list[float]]  # (n, 1 + N): F and after it each source's F_i; 0 of a reset
-    there: list[list[float]]  # (n, 1 + N): Phi(s') and after it w Phi_i(s') of each source
+    phi: list[list[float]]  # (n, 1 + N): Phi(s') and after it w Phi_i(s') of each source
     ended: dict[int, dict[str, float]]  # what :meth:`Episode.end` returns, where episodes ended
 
 
@@ -323,10 +323,10 @@ class Episodes:
         self._steps = 0  # of all environments together
         self._running: list[Episode | None] = [None] * n
 
-    def begin(self, rows: list[Any], stacked: Any = None) -> None:
+    def begin(self, rows: list[Any], stacked: object = None) -> None:
         """Begin episodes at the n observations."""
-        here = self._potential.read(rows, self._steps, stacked)
-        starts = zip(rows, here, strict=True)
+        phi_of_rows = self._potential.read(rows, self._steps, stacked)
+        starts = zip(rows, phi_of_rows, strict=True)
         self._running = [Episode(row, self._steps, phi) for row, phi in starts]
 
     def step(
@@ -336,7 +336,7 @@ class Episodes:
         terminated: Sequence[bool],
         truncated: Sequence[bool],
         begun: Sequence[Any] | None = None,  # n observations: where episodes begin after an end
-        stacked: Any = None,  # `rows`, where no episode ends
+        stacked: object = None,  # `rows`, where no episode ends
     ) -> ShapedStep:
         """Return the shaped step to the observations `rows`, each s' of its environment's step."""
         running, potential = self._running, self._potential
@@ -345,11 +345,11 @@ class Episodes:
         if not (None in running or True in terminated or True in truncated):
             # Most steps, which must be quick.
             self._steps += len(rows)
-            there = potential.read(rows, self._steps, stacked)
-            steps = zip(running, there, rewards)  # noqa: B905 - all are n
+            phi_after = potential.read(rows, self._steps, stacked)
+            steps = zip(running, phi_after, rewards)  # noqa: B905 - all are n
             for episode, phi, reward in steps:
                 shaping.append(episode.step(phi, reward, potential.discount))
-            return ShapedStep(shaping, there, {})
+            return ShapedStep(shaping, phi_after, {})
         running = running.copy()
         self._steps += sum(episode is not None for episode in running)
         over = [i for i in range(len(rows)) if terminated[i] or truncated[i]]
@@ -362,10 +362,10 @@ class Episodes:
         at = [self._steps] * (len(read) + len(starts)) + [e.begun for e in ended.values()]
         values = iter(potential.read(asked, at))
         of_end = [0.0] * (1 + len(potential.sources))
-        there = [of_end] * len(rows)
+        phi_after = [of_end] * len(rows)
         for i in read:
-            there[i] = next(values)
-        steps = enumerate(zip(running, there, rewards, strict=True))
+            phi_after[i] = next(values)
+        steps = enumerate(zip(running, phi_after, rewards, strict=True))
         for i, (episode, phi, reward) in steps:
             if episode is None:  # this step only reset the environment
                 shaping.append(of_end)
@@ -381,7 +381,7 @@ class Episodes:
             if len(running) == 1:
                 place = f"after {self._steps - episode.begun} steps"
             reported[i] = episode.end(potential, next(values)[0], place)
-        return ShapedStep(shaping, there, reported)
+        return ShapedStep(shaping, phi_after, reported)
 
 
 class Shaped:
@@ -481,7 +481,7 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
         self._episodes.begin([observation])
         return observation, info
 
-    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: object) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Return what the environment returns, with the shaped reward and its parts in the info."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         reward = np.asarray(reward).item()  # some environments return arrays of shape (1,)
@@ -492,7 +492,7 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
             "original_reward": reward,
             "shaping": shaping,
             "shaping_terms": dict(zip(self._potential.sources, terms, strict=True)),
-            "potential": done.there[0][0],
+            "potential": done.phi[0][0],
             **done.ended.get(0, {}),
         }
         return observation, reward + shaping, terminated, truncated, {**info, **shown}

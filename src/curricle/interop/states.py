@@ -5,6 +5,7 @@ import math
 import random
 import time
 from abc import ABC, abstractmethod
+from array import array
 from collections import deque
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,7 +29,8 @@ from curricle.checks import number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import same_observation
 from curricle.tasks.live import RETURNED, action_mask, seeded_reset, wrong_parts
-from curricle.tasks.mdp import SINGLE_PRECISION, number_of
+from curricle.tasks.mdp import SINGLE_PRECISION
+from curricle.tasks.models import number_of
 from curricle.tasks.observation_task import layers_of
 
 TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
@@ -36,7 +38,7 @@ HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 """Wrappers that change no transition; the time limit is read from the specification."""
 
 
-def acts_as(env: Any, *kinds: type, methods: Sequence[str] = ("step", "reset")) -> bool:
+def acts_as(env: object, *kinds: type, methods: Sequence[str] = ("step", "reset")) -> bool:
     """Return whether an environment is of one of these classes, with the class's own methods."""
     kind = next((kind for kind in kinds if isinstance(env, kind)), None)
     return kind is not None and all(
@@ -51,11 +53,11 @@ SHARED: tuple[Any, ...] = random.getstate.__self__, np.random.get_state.__self__
 SALT = 2718  # begins the seeds of repeated steps, so that they are not those of resets
 
 
-def restart(generators: Sequence[Any], repetition: int, left: Mapping[Any, Any]) -> None:
-    """Seed generators differently in each repetition, or let them go on as they were `left`."""
+def restart(generators: Sequence[Any], repetition: int, states: Mapping[Any, Any]) -> None:
+    """Seed generators differently in each repetition, or let them go on from their `states`."""
     for place, generator in enumerate(generators):
         kind = kind_of(generator)
-        _set(generator, left.get((place, kind)) or _fresh(kind, place, repetition))
+        _set(generator, states.get((place, kind)) or _fresh(kind, place, repetition))
 
 
 @contextmanager
@@ -94,7 +96,7 @@ def _fresh(kind: Any, place: int, repetition: int) -> Any:
     return new.state if isinstance(new, np.random.BitGenerator) else state_of(new)
 
 
-def kind_of(generator: Any) -> type:
+def kind_of(generator: object) -> type:
     """Return the kind of a generator: the type that draws its bits."""
     if isinstance(generator, np.random.Generator):
         return type(generator.bit_generator)
@@ -110,22 +112,22 @@ NAMED = (type, BuiltinFunctionType, ModuleType)
 UNCHANGING = (tuple, frozenset, Enum, *NAMED, MethodType, CodeType)
 
 
-def fingerprint(value: Any, left_out: Collection[str] = (), *, strict: bool = True) -> bytes:
+def fingerprint(value: object, left_out: Collection[str] = ()) -> bytes:
     """Return a digest, 16 bytes, of a value and all it refers to, without names in `left_out`."""
-    return _Reader(value, frozenset(left_out), strict=strict).digest.digest()
+    return _Reader(value, frozenset(left_out)).digest.digest()
 
 
 class _Reader:
     """Feeds a value to a digest: a shared part the first time, later its number."""
 
-    def __init__(self, value: Any, left_out: frozenset[str], *, strict: bool = True):
+    def __init__(self, value: object, left_out: frozenset[str], *, strict: bool = True):
         self.left_out, self.strict = left_out, strict
         # A pickle would not do: equal sets have several, and equal strings are shared or not.
         self.digest = hashlib.blake2b(digest_size=16)
-        self.met = dict[int, int]()
+        self.numbers = dict[int, int]()
         self.skipped = set[str]()  # the attributes among `left_out` that were met
         self.generators = dict[int, Any]()
-        self.alive = list[Any]()  # so that no number in `met` is given to another object
+        self.alive = list[Any]()  # so that no number in `numbers` is given to another object
         self.read(value)
 
     def tell(self, *parts: Any) -> None:
@@ -133,7 +135,7 @@ class _Reader:
             content = part if isinstance(part, bytes) else str(part).encode()
             self.digest.update(b"%d:" % len(content) + content)
 
-    def read(self, value: Any) -> None:
+    def read(self, value: object) -> None:
         if isinstance(value, np.generic):
             value = value.item()
         if isinstance(value, PLAIN) and not isinstance(value, Enum):
@@ -146,14 +148,14 @@ class _Reader:
             self.read(value.env)
         elif isinstance(value, UNCHANGING):
             self._read_parts(value)
-        elif id(value) in self.met:
-            self.tell("met", self.met[id(value)])
+        elif id(value) in self.numbers:
+            self.tell("met", self.numbers[id(value)])
         else:
-            self.met[id(value)] = len(self.met)
+            self.numbers[id(value)] = len(self.numbers)
             self.alive.append(value)
             self._read_parts(value)
 
-    def _read_parts(self, value: Any) -> None:
+    def _read_parts(self, value: object) -> None:
         """Read a value that has parts or a name."""
         parts: Collection[Any] | None = None
         if isinstance(value, np.ndarray) and value.dtype != object:
@@ -189,7 +191,7 @@ class _Reader:
             for part in parts:
                 self.read(part)
 
-    def _read_object(self, value: Any) -> None:
+    def _read_object(self, value: object) -> None:
         """Read an object's attributes, or what pickle would keep where it has none."""
         kind = type(value)
         self.tell("object", getattr(kind, "__module__", ""), kind.__qualname__)  # SWIG's have none
@@ -245,13 +247,13 @@ class StateAccess(ABC):
         """Return a key, equal for equal states, and the content from which to restore the state."""
 
     @abstractmethod
-    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> tuple[Environment, Sequence[Any]]:
         """Return an environment in a saved state, maybe `env` itself, and its generators."""
 
     def check(self) -> None:  # noqa: B027 - many have nothing to do
         """Check the settings as soon as all actions have been taken in the first state."""
 
-    def observation(self, env: Environment, returned: Any) -> Any:
+    def observation(self, env: Environment, returned: object) -> Any:
         """Return the observation, from the observation that a step or reset returned."""
         return returned
 
@@ -354,7 +356,7 @@ class SaveAndRestore(StateAccess):
             ) from None
         return state, state
 
-    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> tuple[Environment, Sequence[Any]]:
         """Return the same environment, put into the state."""
         self.restore_state(env.unwrapped, content)
         return env, self.generators
@@ -370,7 +372,7 @@ def left_out(env: Environment) -> frozenset[str]:
     return LEFT_OUT | TOY_DRAWN if acts_as(env, *TOY_TEXT) else LEFT_OUT
 
 
-def copied(env: Any) -> tuple[Any, dict[int, Any]]:
+def copied(env: object) -> tuple[Any, dict[int, Any]]:
     """Return a deep copy that shares what is constant, and the memo of copying; or TaskError."""
     memo: dict[int, Any] = {
         id(value): value
@@ -390,7 +392,7 @@ def copied(env: Any) -> tuple[Any, dict[int, Any]]:
         ) from error
 
 
-def words_of_state(state: Any, before: str = "") -> Words:
+def words_of_state(state: object, before: str = "") -> Words:
     """Return the whole numbers and words in a state, alone or in a short list, by name."""
     named = state._asdict() if hasattr(state, "_asdict") else state
     values = dict[str, Any]()
@@ -436,10 +438,43 @@ class Reached(NamedTuple):
     terminated: bool
     truncated: bool
     available: tuple[bool, ...] | None = None  # the actions that can be taken there; None for all
+    # The environment in that state, until it is stepped again, and what its step or reset returned.
+    env: Any = None
+    returned: Any = None
 
 
 # What every action does in a state in which episodes are only ever truncated.
 STAY = Reached(1.0, None, None, 0.0, terminated=False, truncated=False)
+
+
+@dataclass(eq=False, slots=True)
+class State:
+    """A state, as it was when it was reached first."""
+
+    content: Any  # what it is restored from; None once its actions were taken
+    available: tuple[bool, ...] | None
+    terminal: bool
+    observation: Any
+    components: Words
+    queued: bool = False
+
+
+class Outcomes:
+    """The outcomes of all pairs, state x A + action, in columns."""
+
+    def __init__(self) -> None:
+        self.pair, self.next_state = array("q"), array("q")
+        self.probability, self.reward = array("d"), array("d")
+
+    def __len__(self) -> int:
+        return len(self.pair)
+
+    def add(self, pair: int, after: int, reached: Reached) -> None:
+        """Add an outcome of a pair that leads to the state with a number."""
+        self.pair.append(pair)
+        self.next_state.append(after)
+        self.probability.append(reached.probability)
+        self.reward.append(reached.reward)
 
 
 class Search:
@@ -447,123 +482,111 @@ class Search:
 
     def __init__(
         self,
-        world: "World | ListedOutcomes",
+        stepper: "World | ListedOutcomes",
         max_states: int,
         max_seconds: float,
         show: Callable[[str, int, int], Any],  # a sentence; states done and found
     ):
-        self.world, self.show = world, show
+        self.stepper, self.show = stepper, show
         self.max_states, self.max_seconds = max_states, max_seconds
-        self.observations, self.components, self.terminal = list[Any](), list[Words](), list[bool]()
+        self.states, self.outcomes = list[State](), Outcomes()
         self.start = dict[int, float]()  # the probability of each start
         self.first = list[int]()  # the state that each start leads to
-        # An outcome is a place in each of four lists; a pair is state x A + action.
-        self.pair, self.next_state = list[int](), list[int]()
-        self.probability, self.reward = list[float](), list[float]()
         self.several = False  # whether resets lead to different states
         self.cut = 0  # states from which nothing goes on, as episodes are truncated there
         self.seconds = self.observing = 0.0  # in all, and for observations and words
-        self._numbers = dict[tuple[Hashable, bool], int]()
-        self._contents, self._queued, self._queue = list[Any](), list[bool](), deque[int]()
-        self._available = list[tuple[bool, ...] | None]()
+        self._numbers, self._queue = dict[tuple[Hashable, bool], int](), deque[int]()
+        self._last: Any = None  # the environment in the state that was reached last
 
     def run(self) -> Self:
         """Search to the end and return the search; TaskError when a limit is reached before."""
-        n_actions, seeds, expanded = self.world.n_actions, self.world.seeds, 0
+        stepper, n_actions, seeds = self.stepper, self.stepper.n_actions, self.stepper.seeds
         began = shown = time.perf_counter()
         for seed in seeds:
-            self.world.start(seed)
-            observed = deepcopy(self.world.look()[0])
-            state = self._number(self.world.start(seed))
-            if not same_observation(observed, self.world.look()[0]):
+            observed = deepcopy(stepper.look(stepper.start(seed))[0])
+            reached = stepper.start(seed)
+            state = self._number(reached)
+            if not same_observation(observed, stepper.look(reached)[0]):
                 raise TaskError(
-                    f"a reset must follow its seed: two resets of {self.world.name} with seed "
+                    f"a reset must follow its seed: two resets of {stepper.name} with seed "
                     f"{seed} differ; let reset call super().reset(seed=seed), and draw from "
                     "self.np_random alone"
                 )
             self.first.append(state)
             self.start[state] = self.start.get(state, 0.0) + 1 / len(seeds)
+        expanded = 0
         while self._queue:
-            state = self._queue.popleft()
-            content, self._contents[state] = self._contents[state], None
-            available = self._available[state]
+            number = self._queue.popleft()
+            content, self.states[number].content = self.states[number].content, None
+            available = self.states[number].available
             for action in range(n_actions):
                 if available is not None and not available[action]:
                     continue
-                for reached in self.world.outcomes(content, action):
-                    self._add(state * n_actions + action, self._number(reached), reached)
-                now, n_states = time.perf_counter(), len(self._contents)
+                for reached in stepper.outcomes(content, action):
+                    self.outcomes.add(number * n_actions + action, self._number(reached), reached)
+                now, n_states = time.perf_counter(), len(self.states)
                 if now - began > self.max_seconds:
                     raise TaskError(
                         f"a table must be complete within max_seconds, {self.max_seconds:g}: "
-                        f"tabulating {self.world.name} had found {n_states:,} states by then and "
+                        f"tabulating {stepper.name} had found {n_states:,} states by then and "
                         f"done {expanded:,} of them{self._hint()}"
                     )
                 if now - shown > INTERVAL:
-                    shown = now
-                    speed = len(self.pair) / (now - began)
+                    shown, speed = now, len(self.outcomes) / (now - began)
                     sentence = (
-                        f"tabulating {self.world.name}: {n_states:,} states, {expanded:,} done, "
+                        f"tabulating {stepper.name}: {n_states:,} states, {expanded:,} done, "
                         f"{speed:,.0f} transitions a second"
                     )
                     self.show(sentence, expanded, n_states)
             expanded += 1
-        staying = [s for s, queued in enumerate(self._queued) if not (queued or self.terminal[s])]
-        for state in staying:
-            for pair in range(state * n_actions, (state + 1) * n_actions):
-                self._add(pair, state, STAY)
-        self.cut = len(staying)
-        resets = (self.world.start(max(seeds) + k) for k in range(1, MORE_RESETS + 1))
-        known = (self._numbers.get((other.key, False)) in self.start for other in resets)
-        self.several = len(self.start) > 1 or not all(known)
+        for number, found in enumerate(self.states):
+            if not (found.queued or found.terminal):
+                self.cut += 1
+                for pair in range(number * n_actions, (number + 1) * n_actions):
+                    self.outcomes.add(pair, number, STAY)
+        resets = (stepper.start(max(seeds) + k) for k in range(1, MORE_RESETS + 1))
+        starts = (self._numbers.get((reset.key, False)) in self.start for reset in resets)
+        self.several = len(self.start) > 1 or not all(starts)
         self.seconds = time.perf_counter() - began
         return self
 
     def _number(self, reached: Reached) -> int:
         """Return the number of a state, which is a new number if the state is new."""
         name = reached.key, reached.terminated  # entered with the episode's end it is another
-        state = self._numbers.get(name)
-        if state is None:
-            state = self._numbers[name] = len(self._contents)
-            if state >= self.max_states:
+        number, self._last = self._numbers.get(name), reached.env
+        if number is None:
+            number = self._numbers[name] = len(self.states)
+            if number >= self.max_states:
                 raise TaskError(
                     f"a table may have at most max_states, {self.max_states:,} states: tabulating "
-                    f"{self.world.name} found more{self._hint()}"
+                    f"{self.stepper.name} found more{self._hint()}"
                 )
             before = time.perf_counter()
-            observation, components = self.world.look()
+            observation, components = self.stepper.look(reached)
             self.observing += time.perf_counter() - before
-            self._contents.append(reached.content)
-            self._available.append(reached.available)
-            self._queued.append(False)
-            self.terminal.append(reached.terminated)
-            self.observations.append(deepcopy(observation))  # which a step may change
-            self.components.append({**components, **words_of_state(observation, "_")})
-        if not (self._queued[state] or reached.terminated or reached.truncated):
-            self._contents[state] = reached.content
-            self._queued[state] = True
-            self._queue.append(state)
-        return state
-
-    def _add(self, pair: int, after: int, reached: Reached) -> None:
-        self.pair.append(pair)
-        self.next_state.append(after)
-        self.probability.append(reached.probability)
-        self.reward.append(reached.reward)
+            observation = deepcopy(observation)  # which a step may change
+            components = {**components, **words_of_state(observation, "_")}
+            content, available, terminal = reached.content, reached.available, reached.terminated
+            self.states.append(State(content, available, terminal, observation, components))
+        state = self.states[number]
+        if not (state.queued or reached.terminated or reached.truncated):
+            state.content, state.queued = reached.content, True
+            self._queue.append(number)
+        return number
 
     def _hint(self) -> str:
         """Return why there are many states: a part that counts steps, or that has most values."""
-        before = np.array(self.pair, np.int64) // self.world.n_actions
-        env = getattr(self.world, "now", self.world.env)  # the copy that was stepped last
-        counting = counters_of(self.components, before, np.array(self.next_state), env)
+        of_states = [state.components for state in self.states]
+        before = np.array(self.outcomes.pair, np.int64) // self.stepper.n_actions
+        counting = counters_of(of_states, before, np.array(self.outcomes.next_state), self._last)
         if counting:
             return (
                 f"; {counting[0]!r} counts steps, which state=DeepCopy(ignore={counting}) leaves "
                 f"out (in a file ignore = {counting}): let time_limit end the episodes"
             )
-        everywhere = set(self.components[0]).intersection(*self.components)
+        everywhere = set(of_states[0]).intersection(*of_states)
         values = dict[str, set[Any]]()
-        for components in self.components:
+        for components in of_states:
             parts = dict[str, list[int | str]]()
             for name, value in components.items():
                 # Entries that some states lack are those of a list that grows.
@@ -573,10 +596,10 @@ class Search:
                 values.setdefault(name, set()).add(tuple(part))
         name = max(values, key=lambda name: len(values[name]), default="")
         hint = ", and most differ only in parts that are neither whole numbers nor words"
-        different = {frozenset(components.items()) for components in self.components}
-        if 2 * len(different) > len(self.components):
+        different = {frozenset(components.items()) for components in of_states}
+        if 2 * len(different) > len(of_states):
             hint = f", and {name!r} has the most values, {len(values[name]):,}"
-        return f"{hint}; from_gymnasium plays it live" * (len(self.components) > 1)
+        return f"{hint}; from_gymnasium plays it live" * (len(of_states) > 1)
 
 
 REPETITIONS = 8  # of a step that draws random numbers; one that draws none is taken twice
@@ -599,29 +622,37 @@ class World:
     drawing: int = 0  # pairs whose steps draw random numbers
     shared: Sequence[Any] = ()  # the global generators, if steps or resets draw from them
     # The generators' states, where nobody has drawn since; where they were left after a sample.
-    _known: list[Any] | None = None
-    _left: dict[tuple[int, type], Any] = field(default_factory=dict)
-    _observed: Any = None  # what the last step or reset returned
+    _undrawn: list[Any] | None = None
+    _drawn: dict[tuple[int, type], Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         views_apart = not self.access.copies
         self.core, self.views, self.acts = core_and_views(self.env, views_apart=views_apart)
-        self.now = self.core
         self.access.prepare(self.env)
 
     def start(self, seed: int) -> Reached:
         """Return the state after a reset with a seed."""
-        self._known = None
+        self._undrawn, env = None, self.core
         if self.access.copies:
-            self.now, _ = self.access.restore(self.core, (self.core, []))
-        self._observed, info = self._returned("reset", seeded_reset(self.now, seed))
-        _rewind_clocks(self.now)
-        self.access.begin(self.now)
-        available = self._available(self.now, info)
-        saved = self.access.save(self.now)
-        return Reached(1.0, *saved, 0.0, terminated=False, truncated=False, available=available)
+            env, _ = self.access.restore(self.core, (self.core, []))
+        returned, info = self._returned("reset", seeded_reset(env, seed))
+        _rewind_clocks(env)
+        self.access.begin(env)
+        return self._reached(env, returned, info, 1.0, 0.0, terminated=False, truncated=False)
 
-    def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
+    def _reached(
+        self, env: Environment, returned: object, info: object, chance: float, reward: float,
+        *, terminated: bool, truncated: bool,
+    ) -> Reached:  # fmt: skip
+        """Return where an environment is after a step or a reset."""
+        available = None
+        if self.action_masks and not terminated:
+            available = tuple(action_mask(env, info, self.n_actions).tolist())
+        key, content = self.access.save(env)
+        ends = terminated, truncated
+        return Reached(chance, key, content, reward, *ends, available, env, returned)
+
+    def outcomes(self, content: object, action: int) -> Iterator[Reached]:
         """Yield an action's only outcome, or the outcome of every sample."""
         if self.transitions == self.n_actions:
             self.access.check()
@@ -632,24 +663,23 @@ class World:
         for _ in range(self.samples):
             env, generators = self.access.restore(self.core, content)
             generators = [*generators, *self.shared]
-            restart(generators, 0, self._left)  # with random numbers not used before
-            self.now = env
-            reached, self._observed = self._arrival(env, action)
-            self._left |= {(k, kind_of(g)): state_of(g) for k, g in enumerate(generators)}
+            restart(generators, 0, self._drawn)  # with random numbers not used before
+            reached = self._arrival(env, action)
+            self._drawn |= {(k, kind_of(g)): state_of(g) for k, g in enumerate(generators)}
             yield reached
 
-    def look(self) -> tuple[Any, Words]:
-        """Return the observation and the components of the state that was yielded last."""
-        seen = self.access.observation(self.now, self._observed)
+    def look(self, reached: Reached) -> tuple[Any, Words]:
+        """Return the observation and the components of the state that was reached last."""
+        observation = self.access.observation(reached.env, reached.returned)
         for view in self.views:
-            seen = view.observation(seen)
-        return seen, self.access.describe(self.now)
+            observation = view.observation(observation)
+        return observation, self.access.describe(reached.env)
 
-    def _step(self, content: Any, action: int) -> Reached:
+    def _step(self, content: object, action: int) -> Reached:
         """Return the only outcome of an action in a saved state."""
         env, generators = self.access.restore(self.core, content)
         generators = [*generators, *self.shared]
-        before = self._known if self._known is not None else [*map(state_of, generators)]
+        before = self._undrawn if self._undrawn is not None else [*map(state_of, generators)]
         first = self._arrival(env, action)
         after = [*map(state_of, generators)]
         drew = after != before
@@ -659,15 +689,13 @@ class World:
             if drew:
                 restart([*generators, *self.shared], repetition, {})
             self._check_repeated(first, self._arrival(again, action), action)
-        # Where all is one environment its generators are now as they were.
-        self._known = None if drew or self.access.copies else after
-        # Where all is one environment it is in the same state now; else `env` is kept as the state.
-        self.now = env
-        reached, self._observed = first
-        return reached
+        # Where all is one environment its generators are now as they were, and it is in the same
+        # state; else `first` has one of its own.
+        self._undrawn = None if drew or self.access.copies else after
+        return first
 
-    def _arrival(self, env: Environment, action: int) -> tuple[Reached, Any]:
-        """Return where a step leads, and the observation as the step returned it."""
+    def _arrival(self, env: Environment, action: int) -> Reached:
+        """Return where a step leads."""
         core_action = self.act(action)
         for wrapper in self.acts:
             core_action = wrapper.action(core_action)
@@ -678,33 +706,22 @@ class World:
         if not math.isfinite(earned):
             raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
         chance = 1.0 if self.samples is None else 1 / self.samples
-        available = None if terminated else self._available(env, info)
-        saved = self.access.save(env)
-        ends = bool(terminated), bool(truncated)
-        return Reached(chance, *saved, earned, *ends, available), observed
+        ends = {"terminated": bool(terminated), "truncated": bool(truncated)}
+        return self._reached(env, observed, info, chance, earned, **ends)
 
-    def _available(self, env: Environment, info: Any) -> tuple[bool, ...] | None:
-        """Return which actions can be taken in the state that an environment is in."""
-        if not self.action_masks:
-            return None
-        return tuple(action_mask(env, info, self.n_actions).tolist())
-
-    def _returned(self, by: str, returned: Any) -> tuple[Any, ...]:
+    def _returned(self, by: str, returned: object) -> tuple[Any, ...]:
         """Return the result of a reset or a step; TaskError unless it has the right parts."""
         if not isinstance(returned, tuple) or len(returned) != len(RETURNED[by]):
             raise TaskError(f"{self.name}: {wrong_parts(by, returned)}")
         return returned
 
-    def _check_repeated(
-        self, first: tuple[Reached, Any], again: tuple[Reached, Any], action: int
-    ) -> None:
-        (reached, observed), (repeated, observed_again) = first, again
-        differing = ""
-        if reached.key != repeated.key:
+    def _check_repeated(self, first: Reached, again: Reached, action: int) -> None:
+        differing, results = "", slice(3, 7)  # from the reward to the available actions
+        if first.key != again.key:
             differing = "state"
-        elif reached[3:] != repeated[3:]:
+        elif first[results] != again[results]:
             differing = "reward, end or mask of actions"
-        elif not same_observation(observed, observed_again):
+        elif not same_observation(first.returned, again.returned):
             differing = "observation"
         if differing:
             raise TaskError(
@@ -760,7 +777,6 @@ class ListedOutcomes:
     save: Callable[[Any], Hashable] | None = None
     parts: Callable[[Any], Words] | None = None
     transitions: int = 0
-    _state: Any = None  # the last that was reached
 
     def start(self, seed: int) -> Reached:
         """Return the state after a reset."""
@@ -768,7 +784,7 @@ class ListedOutcomes:
         state = deepcopy(observed) if self.save is None else self.save(self.env.unwrapped)
         return self._reached(1.0, state, 0.0, ended=False)
 
-    def outcomes(self, content: Any, action: int) -> Iterable[Reached]:
+    def outcomes(self, content: object, action: int) -> Iterable[Reached]:
         """Yield the outcomes that are possible."""
         self.transitions += 1
         total = 0.0
@@ -800,18 +816,17 @@ class ListedOutcomes:
                 f"{total:.10g}"
             )
 
-    def look(self) -> tuple[Any, Words]:
+    def look(self, reached: Reached) -> tuple[Any, Words]:
         """Return the state, if it is an observation, and its components."""
-        state = self._state
+        state = reached.content
         components = words_of_state(state) if self.parts is None else self.parts(state)
         return state if self.save is None else None, components
 
-    def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
-        self._state = state
-        return Reached(chance, _key(state), state, reward, ended, truncated=False)
+    def _reached(self, chance: float, state: object, reward: float, *, ended: bool) -> Reached:
+        return Reached(chance, _key(state), state, reward, ended, truncated=False, env=self.env)
 
 
-def _key(state: Any) -> Any:
+def _key(state: object) -> Any:
     """Return a hashable key, equal for equal states: arrays and lists become tuples."""
     if isinstance(state, np.ndarray):
         state = state.tolist()

@@ -1,20 +1,22 @@
 """An environment as tables: the observation of each state, and how the tables were made."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from inspect import signature
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
-from curricle.display import pictured
 from curricle.errors import SettingError, TaskError
+from curricle.files import read_saved, write_saved
+from curricle.learning.tabular_policy import as_saved
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import batch_size
-from curricle.tasks.spaces import Space
+from curricle.tasks.spaces import Component, Space
 from curricle.text import brief_repr, counted
 from curricle.transfer.mapping import UNMAPPED
 
@@ -65,11 +67,11 @@ class ObservationTable(Frozen):
         chosen = {name: a if states is None else a[states] for name, a in self.parts.items()}
         return assembled(chosen)
 
-    def state(self, observation: Any) -> int:
+    def state(self, observation: object) -> int:
         """Return the state that an observation shows; `UNMAPPED` if none or several do."""
         return self._states.get(self._key(parts_of(observation)), UNMAPPED)
 
-    def many(self, observations: Any) -> IntArray:
+    def many(self, observations: object) -> IntArray:
         """Return the states that n stacked observations show, (n,) int64; as :meth:`state`."""
         stacked = parts_of(observations)
         rows = range(batch_size(observations))
@@ -132,7 +134,7 @@ def stacked_observations(observations: Sequence[Any], terminal: Iterable[bool]) 
     return ObservationTable(parts, np.array(list(terminal), dtype=bool))
 
 
-def parts_of(observation: Any) -> dict[str, Any]:
+def parts_of(observation: object) -> dict[str, Any]:
     """Return the arrays, numbers and texts in an observation by their places, as in "sight/#0"."""
     if isinstance(observation, Mapping):
         inner = [(_escaped(key), part) for key, part in observation.items()]
@@ -147,7 +149,7 @@ def parts_of(observation: Any) -> dict[str, Any]:
     }
 
 
-def _escaped(key: Any) -> str:
+def _escaped(key: object) -> str:
     """Return a key of a Dict as part of a place, escaped as in JSON pointers."""
     return str(key).replace("~", "~0").replace("/", "~1").replace(POSITION, "~2")
 
@@ -156,7 +158,7 @@ def _unescaped(key: str) -> str:
     return key.replace("~2", POSITION).replace("~1", "/").replace("~0", "~")
 
 
-def same_observation(first: Any, second: Any) -> bool:
+def same_observation(first: object, second: object) -> bool:
     """Return whether two observations are equal, part by part; an unseen part equals any other."""
     if isinstance(first, Unseen) or isinstance(second, Unseen):
         return True
@@ -181,6 +183,10 @@ def assembled(parts: Mapping[str, Leaf]) -> Any:
 
 
 BATCH = 4096  # observations that a model is asked about at once
+SPACES = ("states", "actions")
+TABLES = ("outcome_row", "probability", "next_state", "reward", "terminal", "start")
+OBSERVED = "observed "  # begins the names of arrays of observations in a file
+POINTS = "points"
 
 
 @dataclass(frozen=True)
@@ -203,9 +209,8 @@ class TabulationRecord:
         Wall-clock time of the search, and its share for the observations and names of new states.
     note : str
         How the tables differ from the environment, such as in rewards.
-    cached, several : bool
-        Whether the tables were read from a file; whether resets with other seeds, of which 8 are
-        tried, start in other states or levels.
+    several : bool
+        Whether resets with other seeds, of which 8 are tried, start in other states or levels.
     """
 
     environment: str
@@ -219,7 +224,6 @@ class TabulationRecord:
     seconds: float = 0.0
     observing: float = 0.0
     note: str = ""
-    cached: bool = False
     several: bool = False
 
     __repr__ = brief_repr
@@ -273,11 +277,11 @@ class TabulatedTask(Frozen):
         """Return the task with these probabilities of starting, (S,), for :func:`with_start`."""
         return replace(self, mdp=replace(self.mdp, start=start))
 
-    def state(self, observation: Any) -> int:
+    def state(self, observation: object) -> int:
         """Return the state that an observation shows; `UNMAPPED` if none does, or several do."""
         return self._observations().state(observation)
 
-    def many(self, observations: Any) -> IntArray:
+    def many(self, observations: object) -> IntArray:
         """Return the states that n stacked observations show, (n,) int64; as :meth:`state`."""
         return self._observations().many(observations)
 
@@ -325,6 +329,56 @@ class TabulatedTask(Frozen):
             )
         return chosen
 
+    def save(self, path: str | Path) -> Path:
+        """Write the tables into an ``.npz`` file and return its path; StoreError if it cannot."""
+        arrays = {name: getattr(self.mdp, name) for name in TABLES}
+        if self.mdp.available is not None:
+            arrays["available"] = self.mdp.available
+        about: dict[str, Any] = {"record": asdict(self.record)}
+        about |= {name: getattr(self.mdp, name) for name in ("discount", "time_limit")}
+        for name in SPACES:
+            space: Space = getattr(self.mdp, name)
+            about[name] = [asdict(component) for component in space.components]
+            if space.points is not None:
+                arrays[f"{name} {POINTS}"] = space.points
+        about["observed"] = self.observations is not None
+        if self.observations is not None:
+            arrays |= {OBSERVED + name: part for name, part in self.observations.parts.items()}
+        return write_saved(path, type(self).__name__, arrays, about)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Return the task in a file that :meth:`save` wrote; StoreError if it is damaged.
+
+        Examples
+        --------
+        >>> from tempfile import mkdtemp
+        >>> import curricle as cr
+        >>> lake = cr.tabulate("FrozenLake-v1", discount=0.99)
+        >>> TabulatedTask.load(lake.save(f"{mkdtemp()}/lake")).states == lake.states
+        True
+        """
+        saved = read_saved(path, cls.__name__)
+        arrays, about = saved.arrays, saved.about
+        with as_saved(saved):
+            states, actions = (
+                Space([Component(**c) for c in about[name]], arrays.get(f"{name} {POINTS}"))
+                for name in SPACES
+            )
+            fields: dict[str, Any] = {name: arrays[name] for name in TABLES}
+            fields |= {name: about[name] for name in ("discount", "time_limit")}
+            fields["available"] = arrays.get("available")
+            mdp = FiniteMDP(states, actions, **fields)
+            parts = {
+                name.removeprefix(OBSERVED): part
+                for name, part in arrays.items()
+                if name.startswith(OBSERVED)
+            }
+            observations = ObservationTable(parts, mdp.terminal) if about["observed"] else None
+            seeds = {"seeds": tuple(about["record"]["seeds"])}
+            record = TabulationRecord(**{**about["record"], **seeds})
+        return cls(mdp, observations, record)
+
     def _observations(self) -> ObservationTable:
         if self.observations is None:
             raise TaskError(
@@ -332,8 +386,6 @@ class TabulatedTask(Frozen):
                 f"{self.record.environment} are of saved states"
             )
         return self.observations
-
-    _repr_html_ = pictured
 
     def __repr__(self) -> str:
         record, kinds = self.record, list[str]()
@@ -349,14 +401,14 @@ class TabulatedTask(Frozen):
         return f"TabulatedTask({record.environment}: {size}{note}, {kind})"
 
 
-def needs_of(policy: Any) -> str:
+def needs_of(policy: object) -> str:
     """Return what a network's policy needs besides observations, "" for nothing."""
     if hasattr(policy, "predict") and "action_masks" in signature(policy.predict).parameters:
         return "masks of actions"
     return "memory" if hasattr(policy, "lstm_actor") else ""
 
 
-def check_sight(model: Any) -> None:
+def check_sight(model: object) -> None:
     """Raise SettingError unless a model acts by the observation alone."""
     policy = getattr(model, "policy", model)
     if needs := needs_of(policy):
@@ -366,7 +418,7 @@ def check_sight(model: Any) -> None:
         )
 
 
-def action_probabilities(model: Any, observations: Any) -> FloatArray:
+def action_probabilities(model: Any, observations: object) -> FloatArray:
     """Return the probability of each action under the policy of a model, (n, A)."""
     try:
         policy = model.policy

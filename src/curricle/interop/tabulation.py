@@ -5,24 +5,18 @@ Equivalent states are merged, so that counters add no states. Episodes are then 
 tables: they find parts of a state that were not saved.
 """
 
-import os
-import re
-import sys
 from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium.wrappers import FrameStackObservation, TimeLimit as StepLimit
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, whole_number
-from curricle.errors import SettingError, StoreError, TaskError
-from curricle.files import ENDING, digest_of, local_file, read_saved, write_saved
+from curricle.errors import SettingError, TaskError
 from curricle.interop.gymnasium import (
     Environment,
     TimeLimit,
@@ -53,7 +47,6 @@ from curricle.interop.states import (
     World,
     copied,
     core_and_views,
-    fingerprint,
     shared_draws,
     time_limit_of,
 )
@@ -67,7 +60,8 @@ from curricle.interop.tabulated_task import (
 )
 from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
-from curricle.tasks.mdp import FiniteMDP, number_of
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import number_of
 from curricle.tasks.observation_task import layers_of
 from curricle.tasks.spaces import Component, Space, values_of
 from curricle.transfer.bisimulation import merged_outcomes, numbered_rows
@@ -79,9 +73,6 @@ MOST_SAMPLES = 1_000_000  # steps by which the outcomes of a pair are estimated,
 STEPS = 1000  # steps that are compared with the tables
 WALKS = 20  # times that an episode goes to a state drawn at random, before it goes on at random
 CLOSE = 1e-9  # relative difference of rewards that is rounding
-KIND = "TabulatedTask"
-OBSERVED = "observed "  # begins the names of arrays of observations
-ARRAYS = ("probability", "next_state", "reward", "terminal", "start", "first")
 MOST_STATES = 1_000_000  # states of a table by default, at most
 MOST_SECONDS = 3600.0  # seconds that a tabulation takes by default, at most
 
@@ -126,19 +117,16 @@ class Plan:
     max_states: int
     max_seconds: float
     progress: bool | Callable[[str], Any] | None
-    cache: Any
     action_masks: bool = False
 
     def __post_init__(self) -> None:
         pair = isinstance(self.state, tuple) and len(self.state) == 2
-        known = self.state is None or callable(getattr(self.state, "open", None))
+        opens = self.state is None or callable(getattr(self.state, "open", None))
         states = whole_number("max_states", self.max_states, 1, SettingError)
         object.__setattr__(self, "seeds", seed_tuple(self.seeds))
         object.__setattr__(self, "max_states", states)
         number("max_seconds", self.max_seconds, SettingError, low=0)
-        if self.cache is not None:
-            object.__setattr__(self, "cache", local_file(self.cache, ENDING))
-        if not known and not (pair and all(map(callable, self.state))):
+        if not opens and not (pair and all(map(callable, self.state))):
             raise SettingError(
                 "state must be DeepCopy(...), MiniGridState(...) or two functions, (save, "
                 f"restore): got {self.state!r}"
@@ -153,8 +141,10 @@ class Plan:
             if self.outcomes is not None:
                 raise SettingError("outcomes are listed or estimated: got outcomes and samples")
 
-    def carried_out(self, env: Any, act: Callable[[int], Any], n_actions: int, name: str) -> Made:
-        """Return an environment's tables and their record; from the cache if it exists."""
+    def carried_out(
+        self, env: gym.Env[Any, Any], act: Callable[[int], Any], n_actions: int, name: str
+    ) -> Made:
+        """Return an environment's tables and their record."""
         how = self.state  # how states are saved and restored
         if isinstance(how, MiniGridState) and not is_minigrid(env):
             raise SettingError(f"state={how!r} is for MiniGrid's environments: got {env}")
@@ -163,41 +153,29 @@ class Plan:
             how = fitting_state(env, core, self.seeds[0])
         elif how is None:
             how = DeepCopy()
-        origin = dict[str, Any]()
-        if self.cache is not None:
-            ways = [*how] if isinstance(how, tuple) else [how]
-            ways += [self.outcomes, self.samples, self.state is None]
-            ways += ["action_masks"] * self.action_masks
-            origin = made_of(env, name, self.seeds, ways)
-            kept = read_tables(self.cache, origin)
-            if kept is not None:
-                return kept
         access: Any = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
         settings = env, act, n_actions, self.seeds, self.samples
         try:
-            made = self._made(World(*settings, access, name, self.action_masks))
+            return self._made(World(*settings, access, name, self.action_masks))
         except TaskError:
             fast = self.state is None and isinstance(access, MiniGridAccess)
             if not fast or not access.missed(env.unwrapped):
                 raise
             access.release()
             access = MiniGridState(copies=True).open()
-            made = self._made(World(*settings, access, name, self.action_masks))
-        if self.cache is not None:
-            write_tables(self.cache, origin, made)
-        return made
+            return self._made(World(*settings, access, name, self.action_masks))
 
     def _made(self, world: World) -> Made:
         source: World | ListedOutcomes = world
         env, base = world.env, world.env.unwrapped
-        known = world.n_actions, self.seeds, world.name
+        shared = world.n_actions, self.seeds, world.name
         if self.outcomes is not None:
             save = self.state[0] if isinstance(self.state, tuple) else None
-            source = ListedOutcomes(env, self.outcomes, *known, save)
+            source = ListedOutcomes(env, self.outcomes, *shared, save)
         elif self.state is None and self.samples is None and has_table(env):
             table: Any = base
             rows = outcomes_available(base, table.P) if self.action_masks else table.P
-            source = ListedOutcomes(env, lambda s, a: rows[s][a], *known, parts=words_of(base))
+            source = ListedOutcomes(env, lambda s, a: rows[s][a], *shared, parts=words_of(base))
         with shared_draws() as drawn:
             search = self._explored(source)
             if source is world and drawn():  # seldom, and to ask at every step would take long
@@ -214,13 +192,13 @@ class Plan:
             transitions=source.transitions,
             drawing=world.drawing,
             checked=checked,
-            explored=len(search.terminal),
+            explored=len(search.states),
             note=world.access.note,
             **{name: getattr(search, name) for name in ("cut", "several", "seconds", "observing")},
         )
         return tables, record
 
-    def _explored(self, source: Any) -> Search:
+    def _explored(self, source: World | ListedOutcomes) -> Search:
         """Return the finished search, and show its progress where `progress` asks for it."""
         line = f"tabulating {source.name}"
         with shown(self.progress, lambda: line) as bars:
@@ -238,17 +216,16 @@ def tabulate(
     environment: Environment,
     *,
     discount: float,
-    seeds: Any = 1,
+    seeds: object = 1,
     time_limit: TimeLimit = "own",
     names: Sequence[str] | None = None,
     actions: Space | Sequence[str] | None = None,
-    state: Any = None,
+    state: object = None,
     outcomes: Listed | None = None,
     samples: int | None = None,
     max_states: int = MOST_STATES,
     max_seconds: float = MOST_SECONDS,
     progress: bool | Callable[[str], Any] | None = None,
-    cache: str | Path | None = None,
     action_masks: bool = False,
     **make_arguments: Any,
 ) -> TabulatedTask:
@@ -289,11 +266,6 @@ def tabulate(
     progress : bool or callable, optional
         Bars by default, after two seconds; True shows them at once, False never; a function is
         called with a sentence on the progress from time to time.
-    cache : str or Path, optional
-        A file that the tables are read from, or written to if it does not exist. Tables of another
-        environment, content after a reset, setting or version are refused, and where a file that
-        holds a class of the environment or of its wrappers has changed. Code elsewhere that these
-        call is not compared: name another file when you change it.
     action_masks : bool
         Whether only available actions are taken, as in :func:`from_gymnasium`.
     **make_arguments
@@ -307,10 +279,10 @@ def tabulate(
 
     Raises
     ------
-    TaskError, SettingError, StoreError
+    TaskError, SettingError
         When the environment cannot be copied, its states cannot be distinguished, frames are
         stacked, steps are random, a limit is reached, or an episode is not in the tables; when a
-        setting is invalid; when the cache has other tables, is damaged, or cannot be written.
+        setting is invalid.
 
     Examples
     --------
@@ -320,9 +292,7 @@ def tabulate(
     >>> taxi.states.label(0)
     'row=3 column=0 passenger=blue destination=yellow'
     """
-    plan = Plan(
-        seeds, state, outcomes, samples, max_states, max_seconds, progress, cache, action_masks
-    )
+    plan = Plan(seeds, state, outcomes, samples, max_states, max_seconds, progress, action_masks)
     discount = number("discount", discount, TaskError, low=0, high=1)
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
@@ -375,20 +345,20 @@ Part = tuple[Component, IntArray]  # a component, and its value in each state
 
 def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
     """Return the tables of explored states; states that are alike are merged."""
-    seen = None
-    if all(observation is not None for observation in search.observations):
-        seen = stacked_observations(search.observations, search.terminal)
-    terminal = np.array(search.terminal, dtype=bool)
+    table, observations = None, [state.observation for state in search.states]
+    terminal = np.array([state.terminal for state in search.states])
+    if all(observation is not None for observation in observations):
+        table = stacked_observations(observations, terminal)
     start, n_states = np.zeros(len(terminal)), len(terminal)
     start[list(search.start)] = list(search.start.values())
     space, rows = Space([Component("state", n_states)]), _outcome_rows(search, n_actions, sampled)
-    tables = Tables(space, *rows, terminal, start, np.array(search.first), seen)
+    tables = Tables(space, *rows, terminal, start, np.array(search.first), table)
     blocks = np.arange(n_states)
-    if merge and seen is not None:
-        blocks = alike(tables, seen, n_actions)
+    if merge and table is not None:
+        blocks = alike(tables, table, n_actions)
         first = np.unique(blocks, return_index=True)[1]  # it stands for its block
         pairs = (first[:, None] * n_actions + np.arange(n_actions)).ravel()
-        parts = {name: part[first] for name, part in seen.parts.items()}
+        parts = {name: part[first] for name, part in table.parts.items()}
         tables = tables._replace(
             probability=tables.probability[pairs],
             next_state=blocks[tables.next_state[pairs]],
@@ -396,9 +366,9 @@ def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> 
             terminal=terminal[first],
             start=np.asarray(np.bincount(blocks, weights=start), dtype=np.float64),
             first=blocks[tables.first],
-            observations=ObservationTable(parts, seen.terminal[first]),
+            observations=ObservationTable(parts, table.terminal[first]),
         )
-    components, vague = words_of_blocks(search.components, blocks)
+    components, vague = words_of_blocks([state.components for state in search.states], blocks)
     return tables._replace(states=named_states(components, tables.terminal, vague))
 
 
@@ -406,8 +376,10 @@ def _outcome_rows(
     search: Search, n_actions: int, sampled: bool
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return probabilities, successors and rewards, (S A, O) each; a terminal state has none."""
-    pair, after = np.array(search.pair, np.int64), np.array(search.next_state, np.int64)
-    chance, reward = np.array(search.probability), np.array(search.reward)
+    outcomes = search.outcomes
+    pair, after, chance, reward = map(
+        np.array, (outcomes.pair, outcomes.next_state, outcomes.probability, outcomes.reward)
+    )
     if sampled:
         key, which = np.unique(np.stack([pair, after]), axis=1, return_inverse=True)
         pair, after = key
@@ -416,7 +388,7 @@ def _outcome_rows(
         reward = earned / chance
     order = np.argsort(pair, kind="stable")
     pair, after, chance, reward = pair[order], after[order], chance[order], reward[order]
-    n_pairs = len(search.terminal) * n_actions
+    n_pairs = len(search.states) * n_actions
     counts = np.bincount(pair, minlength=n_pairs)
     place = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
     shape = n_pairs, max(1, int(counts.max(initial=0)))
@@ -425,9 +397,9 @@ def _outcome_rows(
     return p, s, r
 
 
-def alike(tables: Tables, seen: ObservationTable, n_actions: int) -> IntArray:
+def alike(tables: Tables, observations: ObservationTable, n_actions: int) -> IntArray:
     """Return each state's block in the coarsest bisimulation (Givan, Dean, Greig 2003), (S,)."""
-    parts = [part.reshape(len(part), -1) for part in seen.parts.values()]
+    parts = [part.reshape(len(part), -1) for part in observations.parts.values()]
     looks = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
     blocks = _in_order(numbered_rows(np.column_stack([*looks, tables.terminal])))
     different, rewards = np.unique(tables.reward, return_inverse=True)
@@ -569,15 +541,15 @@ def steps_checked(world: World, tables: Tables) -> int:
 
 
 def _looking_like(
-    observed: Any, possible: set[int], tables: Tables, where: str, name: str
+    observed: object, possible: set[int], tables: Tables, where: str, name: str
 ) -> set[int]:
     """Return the possible states with this observation; TaskError if there are none."""
     if tables.observations is not None:
-        seen, parts = tables.observations.parts, parts_of(observed)
+        of_states, parts = tables.observations.parts, parts_of(observed)
         possible = {
             state
             for state in possible
-            if same_observation({n: a[state] for n, a in seen.items()}, parts)
+            if same_observation({n: a[state] for n, a in of_states.items()}, parts)
         }
     if not possible:
         raise TaskError(
@@ -608,79 +580,3 @@ def _way(tables: Tables, first: int, n_actions: int, rng: np.random.Generator) -
         state, action = parent[state].tolist()
         way.append(action)
     return way[::-1]
-
-
-# -- tables in a file -----------------------------------------------------------------------------
-
-
-def read_tables(path: Path, origin: dict[str, Any]) -> Made | None:
-    """Return the tables of a file, None if there is no file."""
-    if not path.exists():
-        if not os.access(path.parent, os.W_OK):
-            raise StoreError(f"a cache must be a file in a folder that can be written to: {path}")
-        return None
-    file = read_saved(path, KIND)
-    arrays, about = file.arrays, file.about
-    for aspect, value in origin.items():
-        if about.get(aspect) != value:
-            raise StoreError(
-                f"a cache must hold tables of the same {aspect}; else name another file: {path} "
-                f"has {about.get(aspect)}, got {value}"
-            )
-    try:
-        states = Space([Component(**part) for part in about["components"]], arrays.get("points"))
-        observations = None
-        if about["observed"]:
-            names = [name for name in arrays if name.startswith(OBSERVED)]
-            parts = {name.removeprefix(OBSERVED): arrays[name] for name in names}
-            observations = ObservationTable(parts, arrays["terminal"])
-        plain: dict[str, Any] = {name: arrays[name] for name in ARRAYS}
-        tables = Tables(states=states, observations=observations, **plain)
-        settings = {"seeds": tuple(about["record"]["seeds"]), "cached": True}
-        return tables, TabulationRecord(**{**about["record"], **settings})
-    except (KeyError, TypeError, ValueError) as error:
-        raise StoreError(f"{path} is not as tabulate() writes it: {error!r}") from None
-
-
-def write_tables(path: Path, origin: dict[str, Any], made: Made) -> None:
-    """Write tables, with the description that :func:`made_of` returns."""
-    tables, record = made
-    arrays: dict[str, npt.NDArray[Any]] = {name: getattr(tables, name) for name in ARRAYS}
-    if tables.states.points is not None:
-        arrays["points"] = tables.states.points
-    if tables.observations is not None:
-        arrays |= {OBSERVED + name: part for name, part in tables.observations.parts.items()}
-    about = {
-        "components": [asdict(component) for component in tables.states.components],
-        "observed": tables.observations is not None,
-        "record": asdict(record),
-    }
-    write_saved(path, KIND, arrays, about | origin)
-
-
-def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> dict[str, Any]:
-    """Return the origin of tables for JSON: environment, settings and a digest of their code."""
-    layers = layers_of(env)
-    defining = dict.fromkeys(kind.__module__ for layer in layers for kind in type(layer).__mro__)
-    files = [Path(getattr(sys.modules.get(m), "__file__", None) or "") for m in defining]
-    code = b"".join(file.read_bytes() for file in files if file.is_file())
-    content = b""  # arguments are in it too, of an environment that is no id but a function or made
-    for seed in seeds:
-        env.reset(seed=seed)
-        content += fingerprint(layers, {"_np_random_seed"})
-    packages = {"curricle", "gymnasium", type(env.unwrapped).__module__.partition(".")[0]}
-    modules = {package: sys.modules[package] for package in sorted(packages)}
-    return {
-        "environment": name,
-        "classes": [f"{type(layer).__module__}.{type(layer).__qualname__}" for layer in layers],
-        # MiniGrid's space of missions prints a function with its address, another in every process.
-        "spaces": re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}"),
-        "seeds": list(seeds),
-        "settings": [
-            digest_of(fingerprint(way, strict=False)) if callable(way) else repr(way)
-            for way in ways
-        ],
-        "code of the classes": digest_of(code.replace(b"\r\n", b"\n")),
-        "content after a reset": digest_of(content),
-        "versions": {p: str(getattr(module, "__version__", "")) for p, module in modules.items()},
-    }

@@ -1,18 +1,13 @@
-"""Trackers: a study's curves in TensorBoard or a tool of the user's."""
+"""Trackers: a study's curves in a tool of the user's."""
 
-import json
 import sys
-import time
-import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from curricle.checks import one_of
 from curricle.errors import SettingError
-from curricle.files import file_name
 from curricle.learning.result import LearningResult
 
 CURVES = {
@@ -57,13 +52,13 @@ class Trackers:
 
     Examples
     --------
-    >>> Trackers(["tensorbord"])
+    >>> Trackers([print])
     Traceback (most recent call last):
-    curricle.errors.SettingError: a tracker must be one of tensorboard: got 'tensorbord'...
+    curricle.errors.SettingError: a tracker must have start, record and close: got <built-in...
     """
 
     def __init__(
-        self, trackers: Iterable[str | Tracker], report: Callable[[str], Any] | None = None
+        self, trackers: Iterable[Tracker], report: Callable[[str], Any] | None = None
     ) -> None:
         self._working = trackers_of(trackers)
         self._report = to_stderr if report is None else report
@@ -98,23 +93,12 @@ class Trackers:
                 self._report(f"{name} failed {place} and is switched off: {reason}")
 
 
-def trackers_of(trackers: Iterable[str | Tracker]) -> list[Tracker]:
-    """Return trackers without repetition; SettingError if a name is unknown or a tool missing."""
-    if isinstance(trackers, str):
-        raise SettingError(f"trackers must be a list of trackers: got {trackers!r}")
-    listed = list[Tracker]()
-    for tracker in dict.fromkeys(trackers):
-        if isinstance(tracker, Tracker):
-            listed.append(tracker)
-            continue
-        one_of("a tracker", tracker, ("tensorboard",), SettingError)
-        try:
-            import tensorboard.summary.writer.record_writer  # noqa: F401 - of no empty folder
-        except ModuleNotFoundError:
-            raise SettingError(
-                'TensorBoard must be installed to be a tracker: pip install "curricle[tensorboard]"'
-            ) from None
-        listed.append(TensorBoard())
+def trackers_of(trackers: Iterable[Tracker]) -> list[Tracker]:
+    """Return trackers without repetition; SettingError if one lacks a method."""
+    listed = [*dict.fromkeys(trackers)]
+    for tracker in listed:
+        if not isinstance(tracker, Tracker):
+            raise SettingError(f"a tracker must have start, record and close: got {tracker!r}")
     return listed
 
 
@@ -137,56 +121,3 @@ def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str,
         values = {tag: float(curve[t]) for tag, curve in curves.items() if not np.isnan(curve[t])}
         if values:
             yield int(result.steps[t]), values
-
-
-def hyperparameters(configuration: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
-    """Return nested settings as a flat dict with dotted names; lists and None become JSON text."""
-    flat: dict[str, bool | int | float | str] = {}
-    for name, value in json.loads(json.dumps(dict(configuration), default=str)).items():
-        if isinstance(value, dict) and value:
-            flat |= {f"{name}.{inner}": leaf for inner, leaf in hyperparameters(value).items()}
-        elif isinstance(value, bool | int | float | str):
-            flat[name] = value
-        else:
-            flat[name] = json.dumps(value, ensure_ascii=False)
-    return flat
-
-
-class TensorBoard:
-    """Event files in ``<folder>/tensorboard/<arm>/<node>/seed-<seed>``, float32."""
-
-    def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
-        """Make the folder."""
-        self._configuration = configuration
-        self._root = folder / "tensorboard"
-        self._root.mkdir(parents=True, exist_ok=True)
-
-    def record(self, arm: str, node: str, result: LearningResult) -> None:
-        """Write a file for each seed."""
-        from tensorboard.compat.proto.event_pb2 import Event
-        from tensorboard.compat.proto.summary_pb2 import Summary
-        from tensorboard.plugins.hparams.summary_v2 import hparams_pb
-        from tensorboard.summary.writer.record_writer import RecordWriter
-
-        settings = hyperparameters({**self._configuration, "arm": arm, "node": node})
-        now = time.time()
-        for k, seed in enumerate(result.seeds):
-            events = [
-                Event(wall_time=now, file_version="brain.Event:2"),
-                Event(wall_time=now, summary=hparams_pb(settings, start_time_secs=now)),
-            ]
-            for step, values in checkpoints(result, k):
-                scalars = [Summary.Value(tag=tag, simple_value=v) for tag, v in values.items()]
-                events.append(Event(wall_time=now, step=step, summary=Summary(value=scalars)))
-            folder = self._root / file_name(arm) / file_name(node) / f"seed-{seed}"
-            folder.mkdir(parents=True, exist_ok=True)
-            # TensorBoard shows a folder's files, one a run, in the order of their names.
-            name = f"events.out.tfevents.{int(now):010d}.{uuid.uuid4().hex}"
-            # On a full disk the thread of a SummaryWriter dies and its caller waits for ever.
-            with (folder / name).open("xb") as file:
-                writer = RecordWriter(file)
-                for event in events:
-                    writer.write(event.SerializeToString())
-
-    def close(self) -> None:
-        """Do nothing: the files are complete."""

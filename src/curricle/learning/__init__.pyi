@@ -9,10 +9,11 @@ from .learners import (
 )
 from .portfolio import Portfolio as Portfolio
 from .potential import (
+    MappedPotential as MappedPotential,
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
-from .record import Snapshots as Snapshots, WarmUp as WarmUp
+from .record import Snapshots as Snapshots
 from .result import LearningResult as LearningResult
 from .run import learn as learn
 from .schedules import (
@@ -22,9 +23,7 @@ from .schedules import (
     linear as linear,
 )
 from .shaping import (
-    DecayingAdvice as DecayingAdvice,
     LookAheadAdvice as LookAheadAdvice,
-    LookBackAdvice as LookBackAdvice,
     QInitialisation as QInitialisation,
     RewardBonus as RewardBonus,
     Shaping as Shaping,

@@ -34,17 +34,17 @@ from curricle.learning.portfolio import (
     next_turn,
     optimistic_rate,
 )
-from curricle.learning.record import Record, Used, noted_end
+from curricle.learning.record import Record, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import StaticInt, tie_bits
 from curricle.planning.greedy import ACTION, ONLY_ROW, acting_rows, best_of, greedy_actions, highest
-from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, called, greedy_return
-from curricle.tasks.kernel import LINE, STRIDE, first_above, inlined, splitmix64
+from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, greedy_return
+from curricle.tasks.kernel import LINE, STRIDE, called, first_above, inlined, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
-# What is added to the reward, or to the values acted on.
-PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
+# What is added to the reward.
+PLAIN, STATE, BONUS = range(3)
 
 
 FIRST, SECOND = np.uint64(0), np.uint64(1)  # tables of a learner
@@ -114,7 +114,6 @@ class Course(NamedTuple):
     limit: int  # steps of an episode
     turn: int  # steps after which a portfolio's turn ends, if no episode has ended before
     stream: np.uint64  # where the run's random stream starts
-    used: Used  # before learning
     steps: int  # at which learning ends, or
     episodes: int  # at which it ends, or
     stopping: StoppingKernel  # which may end it before
@@ -133,12 +132,9 @@ def is_spent(course, step, episodes):
 
 
 class Acting(NamedTuple):
-    """The values a policy acts on: Q, the mean of two tables, or either plus w phi under advice."""
+    """The values a policy acts on: Q, or the mean of two tables."""
 
     q: FloatTable  # (1 or 2, S, A)
-    advised: bool
-    advice: FloatArray  # (S, A) phi, where it is advised
-    weight: float
     values: FloatArray  # (1, A) work space
 
 
@@ -148,8 +144,6 @@ def _write_acting_row(view, state, out):
         value = np.float64(view.q[FIRST, state, action])
         if view.q.shape[0] == 2:
             value = 0.5 * (value + view.q[SECOND, state, action])
-        if view.advised:
-            value += view.weight * view.advice[state, action]
         out[ONLY_ROW, action] = value
 
 
@@ -163,11 +157,9 @@ def _acting_greedy(view, state, bits):
 
 
 @inlined
-def acted_on(learners, learner, weight):
-    """Return the view of the values that a learner acts on, with the present weight of phi."""
-    shaped = learner == np.uint64(len(learners.n) - 1)
-    advised, phi = shaped and learners.shaping.kind == ADVICE, learners.shaping.pair_values
-    return Acting(learners.q[learner], advised, phi, weight, learners.values)
+def acted_on(learners, learner):
+    """Return the view of the values that a learner acts on."""
+    return Acting(learners.q[learner], learners.values)
 
 
 # -- the loop ------------------------------------------------------------------------------------
@@ -193,27 +185,24 @@ def learn_all(model, rule, learners, course):
     key = splitmix64(course.stream)
     for place in range(np.uint64(ties.shape[0])):
         ties[place] = tie_bits(key, place)
-    share, ahead, acting = np.nan, shaped, shaped
-    step, episodes, ended, ended_return = course.used
-    early, checkpoint, counter = step > 0, np.int64(0), course.stream + STRIDE
+    share, evaluated, acting = np.nan, shaped, shaped
+    step = episodes = ended = checkpoint = np.int64(0)  # a literal would be a type of its own
+    ended_return, counter = 0.0, course.stream + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
     start, turn_length, earned, factor = state, 0, 0.0, 1.0
     action, bits, drawn = np.uint64(0), np.uint64(0), False
     weight, carried = at(shaping.weight, step), 0.0  # of the potential, and from step to step
     while True:
-        if early or step == checkpoint * course.eval_freq:
+        if step == checkpoint * course.eval_freq:
             if several:
                 share = tally.share[0]
-                ahead = shaped if share > UNDECIDED else LEARNT
-            value = greedy_return(course.evaluation, model, acted_on(learners, ahead, weight))
+                evaluated = shaped if share > UNDECIDED else LEARNT
+            value = greedy_return(course.evaluation, model, acted_on(learners, evaluated))
             so_far = step, episodes, ended, ended_return, value, share
-            q, other = learners.q[ahead, FIRST], learners.q[ahead, last]
-            checkpoint, ends = note_all(course, early, checkpoint, so_far, q, other)
-            if ends:
+            q, other = learners.q[evaluated, FIRST], learners.q[evaluated, last]
+            if called(course.noting, (record, course.stopping, checkpoint, so_far, q, other)) > 0.0:
                 return step, episodes
-            if early:
-                early = False
-                continue
+            checkpoint += 1
             ended, ended_return = 0, 0.0
         if is_spent(course, step, episodes) or has_failed(model):
             return step, episodes
@@ -226,25 +215,25 @@ def learn_all(model, rule, learners, course):
         start = state if turn_length == 0 else start
         bold = optimism and acting != shaped  # an optimist acts greedily
         if fresh or bold or rule.update != SARSA_RULE:
-            write_acting_row(acted_on(learners, acting, weight), state, learners.values)
+            write_acting_row(acted_on(learners, acting), state, learners.values)
             action, bits, counter, drawn = decide(learners, rule, state, step, counter, bold)
         else:
             action, bits = learners.action[acting], learners.bits[acting]
         next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + reward
-        before, weight = weight, at(shaping.weight, step)
+        weight = at(shaping.weight, step)
         table, coin = FIRST, np.uint64(0)
         if rule.update == DOUBLE_Q_LEARNING:
             coin, counter = splitmix64(counter), counter + STRIDE
             table = coin & np.uint64(1)
         row = table * np.uint64(learners.q.shape[2]) + state  # each table counts its own updates
         rate, changed = rate_of(rule.learning_rate, row, action, step - 1), 0.0
-        there, extra, next_action = 0.0, 0.0, np.uint64(0)
+        next_potential, extra, next_action = 0.0, 0.0, np.uint64(0)
         if shaping.kind == STATE and not terminated:
-            there = weight * state_potential(shaping, next_state, step)
+            next_potential = weight * state_potential(shaping, next_state, step)
         if shaping.kind != PLAIN:
             pair = state, action
-            extra, carried = shaping_reward(shaping, discount, pair, terminated, carried, there)
+            extra, carried = shaping_reward(shaping, discount, pair, carried, next_potential)
         if optimism:
             horizon = horizon_of(tally, turn_length + 1)
             outcome = reward, next_state, terminated
@@ -254,8 +243,7 @@ def learn_all(model, rule, learners, course):
             # Cutting off at the time limit is not termination: it bootstraps like any other step.
             if not terminated:
                 if looks_ahead:
-                    view = acted_on(learners, learner, weight)
-                    write_acting_row(view, next_state, learners.values)
+                    write_acting_row(acted_on(learners, learner), next_state, learners.values)
                 # The values of a learner are those of the actions that it would take itself.
                 if rule.update == SARSA_RULE:
                     drawn_next = decide(learners, rule, next_state, step, counter, False)
@@ -271,8 +259,6 @@ def learn_all(model, rule, learners, course):
                 changed = np.float64(new)
         if ties.shape[0] > 0:
             if not drawn:  # a drawn action was among the highest
-                if shaping.kind == ADVICE:
-                    changed += before * shaping.pair_values[state, action]
                 drawn = draws_again(learners.values, ties[state], changed, action)
             if drawn:
                 ties[state] = bits
@@ -325,6 +311,34 @@ def draws_again(values, tie, new, action):
 
 
 @inlined
+def q_learning_target(q, reward, discount, next_state):
+    """Return r + gamma max_b Q(s', b), as precise as in the fast loop (E1; Watkins 1989)."""
+    real = q.dtype.type
+    return np.float64(real(reward) + real(discount) * highest(q[FIRST], next_state))
+
+
+@inlined
+def sarsa_target(q, reward, discount, next_state, next_action):
+    """Return r + gamma Q(s', a'), a' taken next (Rummery, Niranjan 1994)."""
+    return reward + discount * np.float64(q[FIRST, next_state, next_action])
+
+
+@inlined
+def expected_sarsa_target(q, reward, discount, next_state, expected):
+    """Return r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009)."""
+    exploration, values, step = expected
+    return reward + discount * expected_value(exploration, q, next_state, values, step)
+
+
+@inlined
+def double_q_learning_target(q, reward, discount, next_state, update):
+    """Return r + gamma Q_other(s', argmax_b Q(s', b)), of two tables (van Hasselt 2010)."""
+    table, coin = update
+    best = best_of(q[table], next_state, coin)[1] & ACTION
+    return reward + discount * np.float64(q[SECOND - table, next_state, best])
+
+
+@inlined
 def td_target(rule, learners, learner, discount, reward, next_state, choice):
     """Return the target of a learner's update rule.
 
@@ -332,17 +346,14 @@ def td_target(rule, learners, learner, discount, reward, next_state, choice):
     action; ``learners.values`` are those that a policy acts on in s'.
     """
     q, (table, coin, step, next_action) = learners.q[learner], choice
-    if rule.update == SARSA_RULE:  # r + gamma Q(s', a'), a' taken next (Rummery, Niranjan 1994)
-        return reward + discount * np.float64(q[FIRST, next_state, next_action])
-    if rule.update == EXPECTED_SARSA:  # r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009)
-        return reward + discount * expected_value(
-            rule.exploration, q, next_state, learners.values, step
-        )
-    if rule.update == DOUBLE_Q_LEARNING:  # r + gamma Q_other(s', argmax_b Q(s', b)) (Hasselt 2010)
-        best = best_of(q[table], next_state, coin)[1] & ACTION
-        return reward + discount * np.float64(q[SECOND - table, next_state, best])
-    real = q.dtype.type  # r + gamma max_b Q(s', b) (E1; Watkins 1989), as precise as the fast loop
-    return np.float64(real(reward) + real(discount) * highest(q[0], next_state))
+    if rule.update == SARSA_RULE:
+        return sarsa_target(q, reward, discount, next_state, next_action)
+    if rule.update == EXPECTED_SARSA:
+        expected = rule.exploration, learners.values, step
+        return expected_sarsa_target(q, reward, discount, next_state, expected)
+    if rule.update == DOUBLE_Q_LEARNING:
+        return double_q_learning_target(q, reward, discount, next_state, (table, coin))
+    return q_learning_target(q, reward, discount, next_state)
 
 
 @inlined
@@ -355,10 +366,10 @@ def learn_optimistically(learners, horizon, discount, pair, outcome):
     for learner in range(np.uint64(N_OPTIMISTIC - 1)):
         q, target = learners.q[learner], real(reward)
         if not terminated:
-            ahead = highest(q[FIRST], next_state)
-            if learner != LEARNT and ahead > learners.highest:
-                ahead = real(learners.highest)
-            target += real(discount) * ahead
+            next_value = highest(q[FIRST], next_state)
+            if learner != LEARNT and next_value > learners.highest:
+                next_value = real(learners.highest)
+            target += real(discount) * next_value
         new = q[FIRST, state, action] + rate * (target - q[FIRST, state, action])
         for table in range(np.uint64(q.shape[0])):  # the mean of all tables is acted on
             q[table, state, action] = new
@@ -374,44 +385,18 @@ def state_potential(shaping, state, step):
 
 
 @inlined
-def shaping_reward(shaping, discount, pair, terminated, carried, there):
+def shaping_reward(shaping, discount, pair, carried, next_potential):
     """Return the number that shaping adds to a step's reward, and its carry to the next step.
 
-    `there` is w(t') Phi(s', t'), 0 where an episode has ended (Grzes 2017).
+    `next_potential` is w(t') Phi(s', t'), 0 where an episode has ended (Grzes 2017).
     """
     state, action = pair
     if shaping.kind == STATE:  # F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999)
-        return discount * there - carried, there
-    if shaping.kind == LOOK_BACK:
-        # F = phi(s, a) - phi(s before, a before) / gamma (Wiewiora, Cottrell, Elkan 2003). The last
-        # step of an episode also gets the term of its end, -phi(s, a), so that phi(s, a) cancels.
-        here = 0.0 if terminated else shaping.pair_values[state, action]
-        return here - carried / discount, here
-    if shaping.kind == BONUS:
-        return shaping.pair_values[state, action], 0.0
-    return 0.0, 0.0  # advice
+        return discount * next_potential - carried, next_potential
+    return shaping.pair_values[state, action], 0.0  # a bonus
 
 
 # -- checkpoints -----------------------------------------------------------------------------------
-
-
-@inlined
-def note_all(course, early, checkpoint, so_far, q, other):
-    """Note a checkpoint; return the next one, and whether the stopping rule ends the run here.
-
-    `early`, after a warm-up, all before the present step are noted: with the episodes and training
-    returns of the warm-up, and the greedy return before learning.
-    """
-    step, _, _, _, value, share = so_far
-    ends, record = False, course.record
-    last = step - 1 if early else step
-    while checkpoint * course.eval_freq <= last:
-        if early:
-            warm = record.episodes[checkpoint], 1, record.training_return[checkpoint]
-            so_far = checkpoint * course.eval_freq, warm[0], warm[1], warm[2], value, share
-        met = called(course.noting, (record, course.stopping, checkpoint, so_far, q, other))
-        ends, checkpoint = met > 0.0 and not early, checkpoint + 1
-    return checkpoint, ends
 
 
 def note(record, stopping, checkpoint, so_far, q, other):
@@ -433,4 +418,5 @@ def note(record, stopping, checkpoint, so_far, q, other):
                 for action in range(q.shape[1]):
                     mean = 0.5 * (q[apart * state, action] + other[apart * state, action])
                     record.snapshots[i, state, action] = mean
-    return 1.0 if stops(stopping, record.greedy_return, checkpoint, step) else 0.0
+    record.stopped[0] = stops(stopping, record.greedy_return, checkpoint, step)
+    return 1.0 if record.stopped[0] else 0.0

@@ -11,6 +11,7 @@ from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning.schedules import HARMONIC, ByVisits, Constant, Schedule, at, harmonic, within
 from curricle.planning.greedy import ONLY_ROW, highest
+from curricle.tasks.graph import rows_in_use
 from curricle.tasks.kernel import (
     HALF,
     STRIDE,
@@ -21,7 +22,7 @@ from curricle.tasks.kernel import (
     splitmix64,
     uniform,
 )
-from curricle.tasks.mdp import Task, generative_model, has_tables, rows_in_use, tables
+from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 from curricle.tasks.models import LARGEST_REWARD, OpenValues, drawn_among_available
 
 Q_LEARNING, SARSA_RULE, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)  # update rules

@@ -7,6 +7,7 @@ the reader of a potential passes whether an episode has ended. The discount is t
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -16,14 +17,13 @@ from curricle.arrays import FloatArray, FloatTable, Frozen, IntArray, frozen
 from curricle.checks import BEYOND_64_BITS, indices, number, numbers, whole_number
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule
-from curricle.learning.value_lookup import ValueLookup
+from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows, read_table
 from curricle.tasks.mdp import Task, available_actions, duplicated, generative_model
 from curricle.text import brief_repr
 
 LARGEST_POTENTIAL = 1e15
 """Numbers of this size are stored in steps of 1/8: rewards of ordinary size no longer change them.
 Near 1e308 learning overflows."""
-STATES_READ = 10_000  # states whose phi of all actions is read at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,15 +150,6 @@ class PairPotential(Frozen, ABC):
         """Return phi(s, a) of n states, (n, A) float64, computing no others."""
         return np.asarray(self.values[states])
 
-    def q(self, states: IntArray, actions: IntArray) -> FloatArray:
-        """Return phi(s, a) of n pairs, (n,) float64, computing no other states."""
-        phi = np.empty(len(states))
-        for first in range(0, len(states), STATES_READ):
-            part = slice(first, first + STATES_READ)
-            rows = self.pairs(states[part])
-            phi[part] = np.take_along_axis(rows, actions[part, None], axis=1)[:, 0]
-        return phi
-
     def v(self, states: IntArray) -> FloatArray:
         """Return Phi(s) = max_a phi(s, a) of n states, (n,) float64."""
         return np.asarray(self.pairs(states).max(axis=1))
@@ -224,12 +215,83 @@ class StateActionPotential(PairPotential):
         return replace(self, values=scale * self.values + shift)
 
 
+@dataclass(frozen=True, eq=False)
+class MappedPotential(PairPotential):
+    """phi(s, a) computed from the sources' values one state at a time, without an array.
+
+    :class:`Curriculum` makes it from transfers with mappings by name (:func:`project`) and an
+    aggregate of the library. The lookup holds the sources' values, and tables that lead from the
+    task's states and actions to these values.
+
+    Raises
+    ------
+    PotentialError
+        When the lookup does not fit the task, or the size of a value exceeds 1e15.
+
+    Examples
+    --------
+    >>> from curricle import Curriculum, Pursuit, Transfer, project
+    >>> hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
+    >>> edge = Transfer("chase", "hunt", project(hunt, chase, predator="predator_1"))
+    >>> curriculum = Curriculum({"chase": chase, "hunt": hunt}, [edge], budget=1000)
+    >>> phi = curriculum.train().potentials["hunt"][0]
+    >>> type(phi).__name__, phi.values.shape
+    ('MappedPotential', (729, 25))
+    """
+
+    task: Task
+    lookup: ValueLookup
+
+    __repr__ = brief_repr
+
+    def __post_init__(self) -> None:
+        generative = generative_model(self.task)
+        if not fits_task(self.lookup, generative.states, generative.actions.size):
+            raise PotentialError(f"a lookup must be made for its task: {self.task} needs another")
+        values = self.lookup.values
+        known = np.isfinite(values)  # NaN where a pair is unmapped
+        sizes = values.max(initial=0.0, where=known), -values.min(initial=0.0, where=known)
+        largest = abs(self.lookup.scale) * max(sizes) + abs(self.lookup.shift)
+        if largest > LARGEST_POTENTIAL:
+            raise too_large("phi", f"the sources' values give {largest:g}")
+
+    @property
+    def kernel(self) -> ValueLookup:
+        """The lookup."""
+        return self.lookup
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """phi(s, a) as an array, (S, A) float64, computed at first use."""
+        return frozen(self.pairs(np.arange(generative_model(self.task).states.size)))
+
+    def fill(self, q: FloatTable, initial: float) -> None:
+        """Write initial + phi(s, a) into a table, (S, A)."""
+        read_table(self.lookup._replace(initial=initial), q)
+
+    def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
+        """Return phi(s, a) of n states, (n, A) float64, without computing other states."""
+        states = numbered_states(self.task, states)
+        generative = generative_model(self.task)
+        phi = np.empty((len(states), generative.actions.size))
+        read_rows(self.lookup, states, phi)
+        if generative.terminal is not None:
+            phi[generative.terminal[states]] = 0.0
+        return duplicated(phi, available_actions(generative, states))
+
+    def rescaled(self, scale: float, shift: float = 0.0) -> Self:
+        """Return the potential scale phi(s, a) + shift."""
+        lookup, (scale, shift) = self.lookup, finite_scale(scale, shift)
+        lookup = lookup._replace(scale=scale * lookup.scale, shift=scale * lookup.shift + shift)
+        return replace(self, lookup=lookup)
+
+
 def finite_scale(scale: float, shift: float) -> tuple[float, float]:
     """Return the scale and shift of a potential as floats; PotentialError unless finite."""
     return number("scale", scale, PotentialError), number("shift", shift, PotentialError)
 
 
-def numbered_states(task: Any, states: Any) -> IntArray:
+def numbered_states(task: object, states: object) -> IntArray:
     """Return numbers of a task's states, checked; PotentialError where one is out of range."""
     return indices("states", states, generative_model(task).states.size, PotentialError)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curricle.learning.general_loop import is_spent, note_all
+from curricle.learning.general_loop import is_spent
 from curricle.learning.learners import explore
 from curricle.learning.portfolio import (
     OTHER,
@@ -23,7 +23,15 @@ from curricle.learning.schedules import rate_of
 from curricle.learning.storage import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import ACTION, TIED, best_of, highest
 from curricle.planning.policy_evaluation import SLICE, greedy_return
-from curricle.tasks.kernel import STRIDE, Overloaded, inlined, of_width, prefetch, splitmix64
+from curricle.tasks.kernel import (
+    STRIDE,
+    Overloaded,
+    called,
+    inlined,
+    of_width,
+    prefetch,
+    splitmix64,
+)
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 NO_ROW = np.uint64(2**64 - 1)
@@ -127,27 +135,24 @@ def learn_fast(model, rule, tables, beside, members, course):
     limit, eval_freq, far = course.limit, course.eval_freq, len(table.far) > 0
     discount, nothing = as_learnt(beside, q, course.discount), as_learnt(beside, q, 0.0)
     find_row_maxima(table)
-    step, episodes, ended, ended_return = course.used
-    early, checkpoint = step > 0, np.int64(0)  # a literal would be a type of its own
-    episode_return, counter = 0.0, course.stream + STRIDE
+    step = episodes = ended = checkpoint = np.int64(0)  # a literal would be a type of its own
+    ended_return, episode_return, counter = 0.0, 0.0, course.stream + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
     also, change = (0.0, nothing, nothing), (np.uint64(0), nothing, nothing, np.uint64(0))
     pending, pending_change = NO_ROW, (change, also)
     share, acting, start, begun, earned, factor = np.nan, SOURCE, state, step, 0.0, 1.0
     while True:
-        if early or step == checkpoint * eval_freq:
+        if step == checkpoint * eval_freq:
             if members is not None:
                 share = members.tally.share[0]
                 learnt = members.source if share > UNDECIDED else members.learnt
             value = greedy_return(course.evaluation, model, learnt)
             so_far = step, episodes, ended, ended_return, value, share
-            checkpoint, ends = note_all(course, early, checkpoint, so_far, learnt.q, learnt.q)
-            if ends:
+            noted = record, course.stopping, checkpoint, so_far, learnt.q, learnt.q
+            if called(course.noting, noted) > 0.0:
                 return step, episodes
-            if early:
-                early = False
-                continue
+            checkpoint += 1
             ended, ended_return = 0, 0.0
         if is_spent(course, step, episodes) or is_full(table, row) or has_failed(model):
             return step, episodes
@@ -180,10 +185,10 @@ def learn_fast(model, rule, tables, beside, members, course):
             counted = row if members is None else state
             rate = as_learnt(beside, q, rate_of(rule.learning_rate, counted, action, step))
             if not terminated:
-                ahead = as_learnt(beside, q, best[next_row])
-                if beside is not None and not ahead < beside.highest:
-                    ahead = beside.highest  # rewards at discount 1 could raise optimism too far
-                target += discount * ahead
+                after = as_learnt(beside, q, best[next_row])
+                if beside is not None and not after < beside.highest:
+                    after = beside.highest  # rewards at discount 1 could raise optimism too far
+                target += discount * after
             change = action, rate, target, bits
             if beside is not None:
                 target = reward
@@ -194,9 +199,9 @@ def learn_fast(model, rule, tables, beside, members, course):
             if members is not None:
                 hoped = expected = q.dtype.type(reward)
                 if not terminated:
-                    ahead = best[next_row + BOLD]
-                    ahead = ahead if ahead < members.highest else q.dtype.type(members.highest)
-                    hoped += discount * ahead
+                    after = best[next_row + BOLD]
+                    after = after if after < members.highest else q.dtype.type(members.highest)
+                    hoped += discount * after
                     expected += discount * best[next_row + SOBER]
                 horizon = horizon_of(members.tally, step + 1 - begun)
                 also = horizon, hoped, expected

@@ -1,4 +1,4 @@
-"""The records of a run: curves, snapshots, and the warm-up that came before learning."""
+"""The records of a run: curves and snapshots."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Self
@@ -24,7 +24,7 @@ class Snapshots(Frozen):
     steps : (M,) int64
         Steps done; closer together early, when most is learnt.
     values : (M, S, A) float32
-        As ``LearningResult.values``, plus the advice of :class:`DecayingAdvice`.
+        As ``LearningResult.values``.
 
     Examples
     --------
@@ -51,6 +51,7 @@ class Record(NamedTuple):
     snapshot_at: IntArray  # (M,) checkpoints whose tables are kept
     snapshots: npt.NDArray[np.float32]  # (M, S, A)
     ends: BoolArray  # (S,) in which episodes have terminated, where only steps tell; else (0,)
+    stopped: BoolArray  # (1,) true once the stopping rule has ended the run
     halted: BoolArray  # (1,) true once nobody waits for the run
 
     @classmethod
@@ -70,7 +71,9 @@ class Record(NamedTuple):
         tables = np.zeros((len(kept), *shape), np.float32)
         ends = np.zeros(shape[0] if unknown_ends else 0, np.bool_)
         episodes = np.zeros(checkpoints, np.int64)
-        return cls(returns, greedy, source_share, episodes, kept, tables, ends, HALTED.get())
+        stopped = np.zeros(1, np.bool_)
+        kinds = kept, tables, ends, stopped, HALTED.get()
+        return cls(returns, greedy, source_share, episodes, *kinds)
 
 
 @inlined
@@ -79,57 +82,3 @@ def noted_end(record, state, terminated):
     if terminated and record.ends.shape[0] > 0:
         record.ends[state] = True
     return terminated
-
-
-# -- the warm-up ---------------------------------------------------------------------------------
-
-
-class Used(NamedTuple):
-    """The part of a seed's budget used before learning, for compiled loops."""
-
-    steps: int
-    episodes: int
-    ended: int  # episodes that ended since the last checkpoint
-    ended_return: float  # their returns, added up
-
-
-@dataclass(frozen=True, eq=False)
-class WarmUp:
-    """Episodes that a seed played in its task before it began to learn there.
-
-    Attributes
-    ----------
-    lengths : (E,) int64
-        Steps of each episode.
-    returns : (E,) float64
-        Unshaped, undiscounted return of each episode.
-
-    Examples
-    --------
-    >>> WarmUp(np.array([3, 4]), np.array([1.0, 2.0])).steps
-    7
-    """
-
-    lengths: IntArray
-    returns: FloatArray
-
-    __repr__ = brief_repr
-
-    @property
-    def steps(self) -> int:
-        """Steps in all."""
-        return int(self.lengths.sum())
-
-    def write(self, record: Record, eval_freq: int) -> Used:
-        """Fill the checkpoints before its end; return the part used, for the loop to go on from."""
-        ends = np.cumsum(self.lengths)
-        checkpoint = -(-ends // eval_freq)
-        n = int(checkpoint.max(initial=0))
-        ended = np.bincount(checkpoint, minlength=n + 1)
-        total = np.bincount(checkpoint, self.returns, minlength=n + 1)
-        record.episodes[:n] = np.cumsum(ended)[:n]
-        np.divide(total[:n], ended[:n], out=record.training_return[:n], where=ended[:n] > 0)
-        return Used(self.steps, len(ends), int(ended[n]), float(total[n]))
-
-
-NO_WARM_UP = WarmUp(np.zeros(0, np.int64), np.zeros(0))

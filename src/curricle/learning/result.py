@@ -5,14 +5,12 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup
 
 from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray, frozen
-from curricle.display import Line, block, curves, table
 from curricle.errors import CurricleError, SettingError
 from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.learners import (
@@ -25,6 +23,7 @@ from curricle.learning.learners import (
 )
 from curricle.learning.record import Record, Snapshots
 from curricle.learning.schedules import Schedule
+from curricle.learning.stopping import MEMORY_FULL, StoppingKernel
 from curricle.learning.storage import SparseValues
 from curricle.learning.tabular_policy import (
     Arrays,
@@ -36,11 +35,14 @@ from curricle.learning.tabular_policy import (
     pairs_of,
     task_record,
 )
-from curricle.planning.episode import Episode
-from curricle.planning.policy_evaluation import possible_returns
-from curricle.statistics.intervals import extremes, mean_interval, seed_line
+from curricle.pictures.episode import Episode
+from curricle.planning.target import possible_returns
+from curricle.statistics.intervals import extremes
 from curricle.tasks.mdp import Task, generative_model
 from curricle.text import counted
+
+if TYPE_CHECKING:
+    import pandas
 
 
 class ResultField(NamedTuple):
@@ -83,11 +85,21 @@ class LearningResult(Frozen):
         Totals of each seed.
     evaluation_steps : (K,) int64
         Steps of rollouts of the greedy policy, charged to no budget; 0 where evaluation is exact.
+    floor_steps : (K,) int64
+        Steps of the random policy's rollouts by which the floor of a :class:`StoppingRule` was
+        estimated, once for all seeds that were trained together; 0 where it follows from tables.
+    ended_by : (K,) str
+        What ended each run: all steps used, all episodes done, memory full, or the conditions of a
+        stopping rule that were met; "all steps used, not learnt" where the return stayed below the
+        floor.
+    level, floor : (K,) float64
+        The return that the stopping rule asks for, NaN without one, and the return above which it
+        may have settled, -inf without one.
     out_of_memory : (K,) bool
         Whether a run ended early, at the step for which a sparse table had no row left.
     own_rewards : (K,) bool
-        Whether the values are in the task's own rewards. Values of :class:`LookBackAdvice`,
-        :class:`RewardBonus` and a changing :class:`StateShaping` are not: no transfer takes them.
+        Whether the values are in the task's own rewards. Values of :class:`RewardBonus` and a
+        changing :class:`StateShaping` are not: no transfer takes them.
     snapshots : Snapshots or None
         Values of the first seed during learning, if :func:`learn` was asked for `snapshots`.
 
@@ -113,6 +125,10 @@ class LearningResult(Frozen):
     steps_used: Annotated[IntArray, ResultField("K", "int64")]
     episodes_used: Annotated[IntArray, ResultField("K", "int64")]
     evaluation_steps: Annotated[IntArray, ResultField("K", "int64")]
+    floor_steps: Annotated[IntArray, ResultField("K", "int64")]
+    ended_by: Annotated[npt.NDArray[np.str_], ResultField("K", "U64")]
+    level: Annotated[FloatArray, ResultField("K", "float64")]
+    floor: Annotated[FloatArray, ResultField("K", "float64")]
     out_of_memory: Annotated[BoolArray, ResultField("K", "bool")]
     source_share: Annotated[FloatArray, ResultField("KT", "float64", "share of turns", held=True)]
     own_rewards: Annotated[BoolArray, ResultField("K", "bool")]
@@ -124,8 +140,8 @@ class LearningResult(Frozen):
     def policies(self) -> tuple[Any, ...]:
         """The :class:`TabularPolicy` of each seed, K; SettingError where values were not saved.
 
-        It acts on `values`. Greedy returns also follow what a shaping adds to them: advice
-        that has not decayed, and in sparse tables the potential of states never visited.
+        It acts on `values`. In sparse tables greedy returns also follow the potential of states
+        never visited.
         """
         if self.values is None:
             raise SettingError(
@@ -155,7 +171,7 @@ class LearningResult(Frozen):
         episode: Episode = self.policy.episode(seed=seed, max_steps=max_steps)
         return episode
 
-    def frame(self) -> Any:
+    def frame(self) -> "pandas.DataFrame":
         """Return the curves as a pandas DataFrame, a row for each seed and checkpoint.
 
         Its columns are seed, checkpoint, steps, training_return, greedy_return, source_share and
@@ -254,10 +270,6 @@ class LearningResult(Frozen):
             f"{counted(int(self.episodes_used.mean()), 'episode')} a seed{evaluated})"
         )
 
-    def _repr_html_(self) -> str:
-        name = "" if self.task is None else type(self.task).__name__
-        return block(type(self).__name__, learnt_curve(self), learnt_table({name: self}, {}))
-
 
 FIELDS: dict[str, ResultField] = {
     name: hint.__metadata__[0]
@@ -287,9 +299,25 @@ class Outcome:
     steps_used: int
     episodes_used: int
     evaluation_steps: int
-    out_of_memory: bool = False
+    ended_by: str
+    kernel: StoppingKernel
+    floor_steps: int = 0
     own_rewards: bool = True
-    advice: Any = 0.0  # what the policy acts on besides values
+
+    @property
+    def out_of_memory(self) -> bool:
+        """Whether a sparse table had no row left."""
+        return self.ended_by == MEMORY_FULL
+
+    @property
+    def level(self) -> float:
+        """The return that the stopping rule asks for."""
+        return self.kernel.level
+
+    @property
+    def floor(self) -> float:
+        """The return above which the return may have settled."""
+        return self.kernel.floor
 
 
 def learning_result(
@@ -302,7 +330,10 @@ def learning_result(
 ) -> LearningResult:
     """Put the seeds' records on one axis of checkpoints."""
     n = max(outcome.steps_used for outcome in outcomes) // eval_freq + 1
-    arrays = {name: np.array([getattr(outcome, name) for outcome in outcomes]) for name in TOTALS}
+    arrays = {
+        name: np.array([getattr(outcome, name) for outcome in outcomes], FIELDS[name].dtype)
+        for name in TOTALS
+    }
     for name in CURVES:
         curve = np.stack([getattr(outcome.record, name)[:n] for outcome in outcomes])
         for k, end in enumerate(arrays["steps_used"] // eval_freq if FIELDS[name].held else ()):
@@ -315,8 +346,7 @@ def learning_result(
         last = None if values is None else values[0]
         if isinstance(last, np.ndarray) and steps[-1] < first.steps_used:  # the last values too
             steps = np.append(steps, first.steps_used)
-            acting = (last + first.advice).astype(np.float32)
-            tables = np.concatenate([tables, acting[None]])
+            tables = np.concatenate([tables, last[None].astype(np.float32)])
         snapshots = Snapshots(seeds[0], frozen(steps), frozen(tables))
     values = frozen(values) if isinstance(values, np.ndarray) else values
     curves: dict[str, Any] = {name: frozen(array) for name, array in arrays.items()}
@@ -402,7 +432,7 @@ def learner_of(record: Any) -> Learner | None:
         raise ValueError(f"a learner must have valid settings: {error}") from None
 
 
-def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
+def arrays_of(result: LearningResult) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of a :class:`LearningResult` by name, its values included."""
     arrays = {name: getattr(result, name) for name in FIELDS}
     arrays["seeds"] = np.array(result.seeds, dtype=np.int64)
@@ -468,7 +498,7 @@ def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDAr
     return columns | {name: arrays[name][reached] for name in CURVES}
 
 
-def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
+def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> "pandas.DataFrame":
     """Return columns as a pandas DataFrame, with the unit of each in ``attrs["units"]``."""
     try:
         import pandas as pd
@@ -481,38 +511,18 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
     return frame
 
 
-# -- as a table ------------------------------------------------------------------------------------
-
-
-def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
-    """Return a row for each task's LearningResult, with the criterion that ended its learning."""
-    rows = []
-    for name, result in results.items():
-        learner = "" if result.learner is None else type(result.learner).__name__
-        steps, episodes = f"{result.steps_used.mean():,.0f}", f"{result.episodes_used.mean():,.0f}"
-        curve, ends = result.greedy_return, ends_of(result)
-        means = [mean_interval(curve[:, i]).within(ends) for i in (0, -1)]
-        first, last = (str(mean).rsplit(",", 1)[0] for mean in means)
-        seeds = len(result.seeds)
-        rows.append((name, learner, seeds, steps, episodes, first, last, ended.get(name, "")))
-    last_column = ["ended by"] * any(ended.values())
-    shown = [row if last_column else row[:-1] for row in rows]
-    head = ["task", "learner", "seeds", "steps a seed", "episodes a seed"]
-    return table([*head, "first return", "last return", *last_column], shown, wide=last_column)
-
-
 GREEDY_RETURN = "mean return of greedy episodes"
 """On axes; a return has the unit of the task's rewards."""
 
 
-def shown_returns(result: Any) -> tuple[str, FloatArray]:
+def shown_returns(result: LearningResult) -> tuple[str, FloatArray]:
     """Return the name and values, (K, T), of the greedy return; without any, of the training's."""
     if np.isnan(result.greedy_return).all():
         return "mean return of training episodes", result.training_return
     return GREEDY_RETURN, result.greedy_return
 
 
-def ends_of(result: Any) -> tuple[float, float]:
+def ends_of(result: LearningResult) -> tuple[float, float]:
     """Return the lowest and the highest return in a result's task, or else in the result."""
     # Of a discounted evaluation or another: a result does not know which its own was.
     known = [possible_returns(result.task, 1.0)]
@@ -520,15 +530,3 @@ def ends_of(result: Any) -> tuple[float, float]:
         known.append(possible_returns(result.task, generative_model(result.task).discount))
     ends = [end for pair in known if pair is not None for end in pair]
     return (min(ends), max(ends)) if None not in known else extremes([shown_returns(result)[1]])
-
-
-def shown_line(name: str, result: Any) -> tuple[str, Line]:
-    """Return what :func:`shown_returns` are, and their curve over steps, mean over seeds."""
-    named, values = shown_returns(result)
-    return named, seed_line(name, result.steps, values, within=ends_of(result))
-
-
-def learnt_curve(result: Any) -> Markup:
-    """Return the curve of :func:`shown_returns` over steps, mean over seeds."""
-    named, line = shown_line("", result)
-    return curves([line], "steps", named)

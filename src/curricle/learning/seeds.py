@@ -4,13 +4,13 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from itertools import repeat
 from threading import current_thread, main_thread
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from curricle.checks import instance, whole_number
+from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.record import NO_WARM_UP, WarmUp
 from curricle.learning.shaping import Shaping
 from curricle.progress import interruptible
 from curricle.tasks.live import is_live
@@ -36,24 +36,22 @@ class SeedSettings(NamedTuple):
 
     seed: int
     shaping: Shaping | None
-    warm_up: WarmUp
     charged: int  # steps of the budget that were used elsewhere
 
 
 def seed_settings(
-    seeds: Any,
-    learner: Any,
-    limits: tuple[int, int],
+    seeds: object,
+    learner: object,
+    most_steps: int,
     fitted: Callable[[Shaping], Shaping],
     *,
-    shaping: Any,
-    warm_up: Any,
-    charged: Any,
+    shaping: Shaping | Sequence[Shaping] | None,
+    charged: Sequence[int] | npt.NDArray[np.integer[Any]] | None,
 ) -> list[SeedSettings]:
     """Return the settings of each seed's training, or raise SettingError."""
     numbers = seed_tuple(seeds)
 
-    def checked(shaping: Any) -> Shaping | None:
+    def checked(shaping: object) -> Shaping | None:
         if shaping is None:
             return None
         if not isinstance(shaping, Shaping):
@@ -73,26 +71,20 @@ def seed_settings(
         shapings = map(checked, _of_seeds("shaping", shaping, len(numbers), None))
     else:
         shapings = repeat(checked(shaping), len(numbers))
-    settings, (steps, episodes) = list[SeedSettings](), limits
-    warm_ups = _of_seeds("warm-up", warm_up, len(numbers), NO_WARM_UP)
+    settings = list[SeedSettings]()
     costs = _of_seeds("charge", charged, len(numbers), 0)
-    for seed, fit, acted, cost in zip(numbers, shapings, warm_ups, costs, strict=True):
-        instance("each warm-up", acted, WarmUp, SettingError)
+    for seed, fit, cost in zip(numbers, shapings, costs, strict=True):
         cost = whole_number("each of charged", cost, 0, SettingError)
-        if cost >= steps:
+        if cost >= most_steps:
             raise SettingError(
-                f"a budget must exceed the steps charged to it: got {steps:,} and {cost:,} steps"
+                f"a budget must exceed the steps charged to it: got {most_steps:,} and {cost:,} "
+                "steps"
             )
-        if acted.steps >= steps - cost or len(acted.lengths) >= episodes:
-            raise SettingError(
-                "a budget must exceed what was used before learning: the warm-up of seed "
-                f"{seed} took {acted.steps:,} steps in {len(acted.lengths):,} episodes"
-            )
-        settings.append(SeedSettings(seed, fit, acted, cost))
+        settings.append(SeedSettings(seed, fit, cost))
     return settings
 
 
-def _is_list(value: Any) -> bool:
+def _is_list(value: object) -> TypeGuard[Sequence[Any]]:
     return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
 
 
@@ -105,7 +97,7 @@ def _of_seeds(name: str, values: Any, n_seeds: int, default: Any) -> list[Any]:
     return of_seeds
 
 
-def threads_for(task: Any, workers: int | None, seeds: int) -> int:
+def threads_for(task: object, workers: int | None, seeds: int) -> int:
     """Return the threads for the seeds of a task: `workers`, by default one a processor."""
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)

@@ -1,28 +1,48 @@
 """Shapings: how a potential enters learning, one class for each way.
 
-Each class states what it adds (`adds`), what the values then mean (`offset`, `advice`,
+Each class states what it adds (`adds`), what the values then mean (`offset`,
 `own_rewards`) and why it is safe (`theorem` and what :func:`certify` asks for beside it).
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
-from curricle.arrays import frozen
+from curricle.arrays import FloatArray, frozen
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
-from curricle.learning.learners import SARSA, Learner, OptimisticQLearning
+from curricle.learning.general_loop import BONUS, PLAIN, STATE, ShapingKernel
+from curricle.learning.learners import Learner, OptimisticQLearning
 from curricle.learning.portfolio import Portfolio
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
-from curricle.learning.schedules import constant, schedule
-from curricle.tasks.mdp import Task, generative_model, same_task
+from curricle.learning.schedules import constant
+from curricle.tasks.mdp import Task, same_task
 
 # Read-only like every potential: another kind of array would be another compilation.
 _NONE = frozen(np.zeros((1, 1)))
 NOTHING_ADDED = ShapingKernel(PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)), _NONE, _NONE)
+
+
+Judged_co = TypeVar("Judged_co", covariant=True)
+Judged = TypeVar("Judged")
+
+
+class ShapedView(Protocol[Judged_co]):
+    """What a shaping reads of the shaped task that `certify` judges."""
+
+    @property
+    def discount(self) -> float: ...  # noqa: D102
+    @property
+    def task_discount(self) -> float: ...  # noqa: D102
+    @property
+    def zero_at_ends(self) -> bool: ...  # noqa: D102
+    @property
+    def phi(self) -> FloatArray: ...  # noqa: D102
+    def looking_ahead(self, phi: FloatArray) -> Judged_co: ...  # noqa: D102
+    def rewarded(self, reward: Callable[..., Any], off: FloatArray) -> Judged_co: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -43,16 +63,12 @@ class Shaping(ABC):
     adds: ClassVar[int] = PLAIN
     # Whether Q starts at the potential, so that learning itself is plain.
     starts_at_potential: ClassVar[bool] = False
-    # Whether it uses the potential's values, so that these can be calibrated or forecast.
+    # Whether it uses the potential's values, so that these can be forecast.
     reads_values: ClassVar[bool] = True
     # What proves it safe where `meets_conditions` and the declarations below hold.
     theorem: ClassVar[str] = ""
-    # Whether it learns from other rewards than the task's.
-    changes_rewards: ClassVar[bool] = True
     # Whether the reward added need not come from a potential: it is safe only if it does.
     any_reward: ClassVar[bool] = False
-    # Whether it is safe only where every state is entered with one phi.
-    one_way_in: ClassVar[bool] = False
     # Whether another tool may compute it with a discount of its own.
     takes_discount: ClassVar[bool] = False
     # What another tool does with a potential that is not 0 at the ends; empty if nothing.
@@ -87,11 +103,11 @@ class Shaping(ABC):
         """The name of the class."""
         return type(self).__name__
 
-    def with_potential(self, potential: Any) -> Self:
+    def with_potential(self, potential: object) -> Self:
         """Return the same shaping of another potential."""
         return replace(self, **{"potential": potential})
 
-    def check(self, learner: Any) -> None:
+    def check(self, learner: object) -> None:
         """Raise SettingError unless this shaping is valid for a learner."""
         tabular = isinstance(learner, Learner)
         if not (self.for_tables if tabular else self.for_networks):
@@ -131,18 +147,13 @@ class Shaping(ABC):
             return NOTHING_ADDED
         if isinstance(phi, StatePotential):
             return ShapingKernel(self.adds, phi.weight, phi.frame_steps, phi.values, _NONE)
-        weight = schedule(getattr(self, "weight", 1.0))
-        return NOTHING_ADDED._replace(kind=self.adds, weight=weight, pair_values=phi.values)
+        return NOTHING_ADDED._replace(kind=self.adds, pair_values=phi.values)
 
-    def offset(self, step: int) -> Any:
+    def offset(self, step: int) -> FloatArray | float:
         """Return the array that takes the shaping off Q after `step` steps, broadcast to (S, A)."""
         return 0.0
 
-    def advice(self, step: int) -> Any:
-        """Return the values that the policy adds to Q and the offset, broadcast to (S, A)."""
-        return 0.0
-
-    def _taken(self, task: Task, potential: Any) -> Any:
+    def _taken(self, task: Task, potential: Any) -> StatePotential | PairPotential:
         """Return the potential that the shaping uses: of pairs, unless a class overrides it."""
         if isinstance(potential, StatePotential):
             raise SettingError(f"{self.name} takes a potential phi(s, a): got StatePotential")
@@ -152,21 +163,17 @@ class Shaping(ABC):
 
     # -- why it is safe: `shaped` is the ShapedTask that `certify` judges --------------------------
 
-    def meets_conditions(self, shaped: Any) -> bool:
+    def meets_conditions(self, shaped: ShapedView[Any]) -> bool:
         """Return whether the theorem applies, the ends of the task being known."""
         return True
 
-    def acted_on(self, shaped: Any) -> Any:
+    def acted_on(self, shaped: ShapedView[Judged]) -> Judged:
         """Return the values that a policy acts on in the long run, as `shaped` computes them."""
         raise NotImplementedError
 
-    def reward(self, shaped: Any) -> Any:
+    def reward(self, shaped: ShapedView[Any]) -> Callable[..., Any]:
         """Return the function F(s, a, s') that is added, where it is `any_reward`."""
         raise NotImplementedError
-
-    def long_run(self) -> str:
-        """Return a sentence on the values acted on in the long run; empty if they are Q* alone."""
-        return ""
 
 
 @dataclass(frozen=True)
@@ -189,11 +196,11 @@ class _StartsAtPotential(_ByPotential):
         "terminated steps, as Stable-Baselines3 does, never reads it"
     )
 
-    def meets_conditions(self, shaped: Any) -> bool:
+    def meets_conditions(self, shaped: ShapedView[Any]) -> bool:
         """Return whether phi is 0 at the ends."""
         return bool(shaped.zero_at_ends)
 
-    def acted_on(self, shaped: Any) -> Any:
+    def acted_on(self, shaped: ShapedView[Judged]) -> Judged:
         """Return Q + phi, which becomes Q*: the fixed point of Q-learning's expected update."""
         return shaped.looking_ahead(shaped.phi)
 
@@ -236,58 +243,6 @@ class LookAheadAdvice(_StartsAtPotential):
 
 
 @dataclass(frozen=True)
-class LookBackAdvice(_ByPotential):
-    """Rewards get F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; for :class:`SARSA` only.
-
-    An update contains phi of the step before, averaged over all ways into a state, so the optimum
-    is certainly kept only where each state is entered in one way (Wiewiora, Cottrell, Elkan 2003).
-    There the learner learns Q(s, a) - phi(before) / gamma; elsewhere its values have no such form
-    and cannot be turned into values of the task's own rewards.
-
-    Parameters
-    ----------
-    potential, portfolio : optional
-        As for :class:`QInitialisation`.
-
-    Examples
-    --------
-    >>> LookBackAdvice().one_way_in, LookBackAdvice().own_rewards
-    (True, False)
-    """
-
-    adds: ClassVar[int] = LOOK_BACK
-    theorem: ClassVar[str] = "Wiewiora, Cottrell, Elkan 2003"
-    one_way_in: ClassVar[bool] = True
-    own_rewards: ClassVar[bool] = False  # phi of the step before cannot be taken off again
-
-    def check(self, learner: Any) -> None:
-        """Raise SettingError unless the learner is on-policy SARSA."""
-        super().check(learner)
-        if not isinstance(learner, SARSA):
-            raise SettingError(
-                f"LookBackAdvice is valid for on-policy SARSA only: got {type(learner).__name__}"
-            )
-
-    def for_task(self, task: Task) -> Self:
-        """Return the shaping for a task, or raise SettingError if its discount is 0."""
-        if generative_model(task).discount == 0:
-            raise SettingError(
-                "LookBackAdvice divides by the task's discount, which must be positive: got 0"
-            )
-        return super().for_task(task)
-
-    def acted_on(self, shaped: Any) -> Any:
-        """Return Q* for r + phi(s, a) - phi(before) / gamma: by theory Q* - phi(before) / gamma."""
-        phi = shaped.phi
-        off = shaped.entered_with(phi) / shaped.task_discount
-
-        def reward(s: Any, a: Any, after: Any) -> Any:
-            return np.where(shaped.terminal[after], 0.0, phi[s, a]) - off[s]
-
-        return shaped.rewarded(reward, off)
-
-
-@dataclass(frozen=True)
 class StateShaping(_ByPotential):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
 
@@ -324,83 +279,26 @@ class StateShaping(_ByPotential):
         """Whether Phi never changes."""
         return not (isinstance(self.potential, StatePotential) and self.potential.changes)
 
-    def offset(self, step: int) -> Any:
+    def offset(self, step: int) -> FloatArray | float:
         """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
         return 0.0 if self.potential is None else self.potential.at(step)[:, None]
 
-    def _taken(self, task: Task, potential: Any) -> Any:
+    def _taken(self, task: Task, potential: Any) -> StatePotential | PairPotential:
         if isinstance(potential, StatePotential):
             return potential
         if np.ndim(potential) == 1:
             return StatePotential(task, potential)
-        return super()._taken(task, potential).to_state()
+        phi = super()._taken(task, potential)
+        return phi.to_state() if isinstance(phi, PairPotential) else phi
 
-    def meets_conditions(self, shaped: Any) -> bool:
+    def meets_conditions(self, shaped: ShapedView[Any]) -> bool:
         """Return whether F has the task's discount, and Phi is 0 at the ends."""
         return bool(shaped.discount == shaped.task_discount and shaped.zero_at_ends)
 
-    def acted_on(self, shaped: Any) -> Any:
+    def acted_on(self, shaped: ShapedView[Judged]) -> Judged:
         """Return Q* for r + gamma Phi(s') - Phi(s): by theory Q* - Phi."""
         phi, discount = shaped.phi, shaped.discount
         return shaped.rewarded(lambda s, a, after: discount * phi[after] - phi[s], phi)
-
-
-@dataclass(frozen=True)
-class DecayingAdvice(Shaping):
-    """Q learns on plain rewards; the policy acts on Q + xi(t) phi (Behboudian et al. 2020).
-
-    The policy is the task's own only as the weight xi goes to 0.
-
-    Parameters
-    ----------
-    potential : optional
-        As for :class:`QInitialisation`.
-    weight : float or Schedule
-        xi(t); a schedule counts steps.
-    portfolio : Portfolio, optional
-
-    Examples
-    --------
-    >>> from curricle.learning import linear
-    >>> DecayingAdvice(weight=linear(1.0, 0.0, steps=1000)).weight(500)
-    0.5
-    """
-
-    potential: Any = field(default=None, repr=False)
-    weight: Any = 1.0
-    portfolio: Portfolio | None = None
-
-    adds: ClassVar[int] = ADVICE
-    theorem: ClassVar[str] = "Behboudian et al. 2020"
-    changes_rewards: ClassVar[bool] = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "weight", schedule(self.weight))
-
-    @property
-    def last_weight(self) -> float:
-        """The last value of xi."""
-        return float(self.weight.last)
-
-    def advice(self, step: int) -> Any:
-        """Return xi(t) phi(s, a), (S, A)."""
-        return 0.0 if self.potential is None else self.weight(step) * self.potential.values
-
-    def meets_conditions(self, shaped: Any) -> bool:
-        """Return whether the advice vanishes, or is the same for all actions of a state."""
-        same = shaped.compared and not np.ptp(shaped.phi, axis=1).any()
-        return self.last_weight == 0 or bool(same)
-
-    def acted_on(self, shaped: Any) -> Any:
-        """Return Q* + xi phi with the last weight xi."""
-        return shaped.advised(shaped.phi)
-
-    def long_run(self) -> str:
-        """Return the sentence on the values that the policy acts on with the last weight."""
-        weight = self.last_weight
-        acted_on = f"Q + {'' if weight == 1 else f'{weight:g} '}phi" if weight else "Q alone"
-        return f"in the long run the policy acts on {acted_on}"
 
 
 @dataclass(frozen=True)
@@ -426,6 +324,6 @@ class RewardBonus(_ByPotential):
     any_reward: ClassVar[bool] = True
     own_rewards: ClassVar[bool] = False  # the bonus cannot be taken off again
 
-    def reward(self, shaped: Any) -> Any:
+    def reward(self, shaped: ShapedView[Any]) -> Callable[..., Any]:
         """Return phi(s, a) as a function of transitions."""
-        return lambda state, action, after: shaped.phi_of(state, action)
+        return lambda state, action, after: shaped.phi[state, action]

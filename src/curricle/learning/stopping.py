@@ -12,9 +12,9 @@ from numba.extending import register_jitable
 
 from curricle.arrays import FloatArray
 from curricle.checks import number, whole_number
-from curricle.display import block, table
 from curricle.errors import SettingError
-from curricle.planning.policy_evaluation import BATCHES, GreedyEvaluation, Target
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import BATCHES, Target
 from curricle.tasks.kernel import INLINED, compiled_as
 from curricle.tasks.mdp import NO_LIMIT
 from curricle.text import counted
@@ -174,6 +174,21 @@ SETTLED, RECENT, MIN_EVALUATIONS = 0.05, 0.7, 8
 begins, as a share of its steps; evaluations in each of the two parts that are compared."""
 
 
+ALL_STEPS, ALL_EPISODES = "all steps used", "all episodes done"
+MEMORY_FULL = "memory full"
+
+
+class Levels(NamedTuple):
+    """The returns that a task gives a stopping rule, and what it took to find them."""
+
+    level: float | None  # that a fraction of the optimum stands for
+    floor: float  # above which a return may have settled
+    steps: int  # of the random policy's rollouts by which the floor was estimated
+
+
+NO_LEVELS = Levels(None, -math.inf, 0)
+
+
 class StoppingKernel(NamedTuple):
     """A stopping rule for the compiled loops; NaN where a condition is not set."""
 
@@ -281,12 +296,12 @@ class Decision:
     share: float  # the rise over the last three tenths of the steps, of the range; NaN if unknown
     recent: float  # the mean of the evaluations in these steps
     evaluation_steps: int = 0  # of all of a run's decisions, in its last one
-    over: bool = False  # whether all steps were used before the next checkpoint
+    ended_by: str = ""  # what ended the run, as its result recorded it; "" before its last decision
 
     @property
-    def spent(self) -> bool:
-        """Whether all steps were used."""
-        return self.over or self.step >= self.rule.max_steps
+    def ended(self) -> bool:
+        """Whether the run ended here."""
+        return bool(self.criterion)
 
     @property
     def unlearnt(self) -> bool:
@@ -296,6 +311,8 @@ class Decision:
     @property
     def criterion(self) -> str:
         """What ended the run, in a few fixed words; "" where the run went on."""
+        if self.ended_by:
+            return self.ended_by
         if self.ends:
             level = "threshold" if self.rule.fraction is None else "fraction of the optimum"
             met = {
@@ -303,14 +320,16 @@ class Decision:
                 "settled return": self.share < self.kernel.settled and not self.unlearnt,
             }
             return f"{' and '.join(name for name, holds in met.items() if holds)} reached"
-        return (UNLEARNT if self.unlearnt else "all steps used") if self.spent else ""
+        if self.step < self.rule.max_steps:
+            return ""
+        return UNLEARNT if self.unlearnt else ALL_STEPS
 
     def __str__(self) -> str:
         """Return the verdict, each condition with the numbers that it compared, and the steps."""
         n, rule, kernel, few = self.rule.patience, self.rule, self.kernel, "too few evaluations"
         over = f"over {counted(n, 'evaluation')}"
         settled = f"{few}, or all equal, to tell whether the return has settled"
-        parts = ["ends" if self.ends or self.spent else "goes on"]
+        parts = ["ends" if self.ended else "goes on"]
         for bound, value, name, form, of, unknown in (
             (kernel.level, self.lowest, "greedy", ".4g", over, f"{few} for a value over {n}"),
             (kernel.settled, self.share, "rise", ".2g", "of its range", settled),
@@ -333,18 +352,17 @@ class Decision:
 
 def levels(
     rule: StoppingRule, task: Any, evaluation: GreedyEvaluation, target: Any = Target.of
-) -> tuple[float | None, float]:
-    """Return the return that a rule's fraction stands for, and the floor of a settled return.
-
-    They are None and -inf where it has neither. `target` makes a :class:`Target` of a task.
-    """
+) -> Levels:
+    """Return the levels of a rule in a task; `target` makes a :class:`Target` of a task."""
     evaluated = evaluation.method != "off" and evaluation.horizon(task) < NO_LIMIT
     settles = rule.settled is not None and evaluated
     if rule.fraction is None and not settles:
-        return None, -math.inf
+        return NO_LEVELS
     solved = target(task, evaluation, episodes=BATCHES * evaluation.rollouts(task))
     level = None if rule.fraction is None else solved.level(rule.fraction)
-    return level, solved.floor if settles else -math.inf
+    if not settles:
+        return NO_LEVELS._replace(level=level)
+    return Levels(level, solved.floor, solved.floor_steps)
 
 
 # -- what a stopping rule decided ------------------------------------------------------------------
@@ -366,13 +384,6 @@ class Decisions(list[list[Decision]]):
     def __repr__(self) -> str:
         ends = self.in_words or "no stopping rule"
         return f"Decisions({counted(len(self), 'seed')}: {ends})"
-
-    def _repr_html_(self) -> str:
-        of_seeds = zip(self.seeds, self, strict=True)
-        last = [(seed, decisions[-1]) for seed, decisions in of_seeds if decisions]
-        rows = [(seed, f"{decision.step:,}", str(decision)) for seed, decision in last]
-        head = ["seed", "step", "last decision"]
-        return block(repr(self), rows and table(head, rows, wide=head[-1:]))
 
 
 # -- budgets ---------------------------------------------------------------------------------------
@@ -445,7 +456,27 @@ def longest_run(time_limit: int | None, budget: Budget, eval_freq: int, envs: in
     return steps
 
 
-def ended_by(budget: Budget, out_of_memory: bool) -> str:
-    """Return the end of a run that no stopping rule ended, in a few fixed words."""
-    done = "all episodes done" if isinstance(budget, Episodes) else "all steps used"
-    return "memory full" if out_of_memory else done
+def ended_by(
+    budget: Budget,
+    kernel: StoppingKernel,
+    greedy: FloatArray,
+    checkpoint: int,
+    step: int,
+    *,
+    stopped: bool,
+    out_of_memory: bool = False,
+) -> str:
+    """Return what ended a run after its last checkpoint, in a few fixed words.
+
+    `step` is that of the checkpoint; `stopped` tells whether the stopping rule ended the run there.
+    """
+    if out_of_memory:
+        return MEMORY_FULL
+    if isinstance(budget, Episodes):
+        return ALL_EPISODES
+    if not isinstance(budget, StoppingRule):
+        return ALL_STEPS
+    last = budget.decision(kernel, greedy, checkpoint, step)
+    if stopped:
+        return last.criterion
+    return UNLEARNT if last.unlearnt else ALL_STEPS

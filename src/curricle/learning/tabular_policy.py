@@ -14,7 +14,7 @@ from curricle.checks import brief, numbers, whole_number
 from curricle.errors import CurricleError, SettingError, StoreError
 from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.storage import SparseValues
-from curricle.planning.episode import Episode, Film
+from curricle.pictures.episode import Episode, Film
 from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.rollouts import greedy_rollout
 from curricle.tasks.live import is_live, numbering
@@ -72,7 +72,7 @@ class TabularPolicy(Frozen):
                 f"actions: got {brief(self.values)}"
             ) from None
 
-    def predict(self, observation: Any) -> Any:
+    def predict(self, observation: object) -> Any:
         """Return the action in a state, the first of the best; SettingError if it is no state.
 
         Parameters
@@ -203,7 +203,7 @@ def task_record(task: Any) -> dict[str, Any]:
     return {"spaces": spaces, "pairs": [rules.states.size, rules.actions.size]}
 
 
-def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None:
+def pairs_of(saved: SavedFile, record: object, task: object) -> tuple[int, int] | None:
     """Return the numbers of states and actions of saved values, by the task if it is known."""
     present, recorded = task_record(task), record if isinstance(record, Mapping) else {}
     if present and recorded and present["spaces"] != recorded.get("spaces"):

@@ -3,16 +3,18 @@
 A target with a hundred million states has no array of phi. A lookup holds the sources' values and,
 for each value of each component of a target state, what it adds to the number of the source's
 state: strides that depend on the value. Sparse tables read it, also without a source: another type
-for that would compile their loops twice. Potentials make it (`transfer/potential.py`).
+for that would compile their loops twice.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import FloatArray, IntArray, frozen
-from curricle.tasks.kernel import inlined, quotient
+from curricle.tasks.kernel import compiled_once, inlined, inverse_of, quotient
+from curricle.tasks.spaces import MISSING, Space
 
 # Aggregates: how the sources' potentials become one.
 MINIMUM, MAXIMUM, MEAN, TOTAL = range(4)
@@ -42,6 +44,77 @@ class ValueLookup(NamedTuple):
     scale: float  # of the aggregate
     shift: float
     initial: float  # the learner's own initial value, added to phi
+
+
+class SourceTable(NamedTuple):
+    """The values of a source as a target reads them, and where its pairs find them."""
+
+    values: FloatArray  # (S' + 1, A' + 1), the last row and column for pairs without counterpart
+    # For each component of target states what each of its values adds to the source's state;
+    # `MISSING` for values without a counterpart.
+    offsets: Sequence[IntArray]
+    action: IntArray  # (A,) the source action of each target action; `MISSING` if there is none
+
+
+def value_lookup(
+    states: Space, sources: Sequence[SourceTable], combine: int, unknown: float
+) -> ValueLookup:
+    """Return the lookup of N sources for a task with these states, a whole box."""
+    actions, strides, partial = list[IntArray](), list[IntArray](), False
+    for values, offsets, action in sources:
+        width = values.shape[1]
+        actions.append(np.where(action == MISSING, width - 1, action))
+        strides += [np.where(at == MISSING, -1, at * width) for at in reversed(offsets)]
+        missing = any((part == MISSING).any() for part in (action, *offsets))
+        partial |= bool((missing and np.isnan(values[-1, -1])) or np.isnan(values[:-1, :-1]).any())
+    sizes = states.shape[::-1]
+    first, at = (
+        np.cumsum([0, *(array.size for array in arrays[:-1])])
+        for arrays in ([source.values for source in sources], strides)
+    )
+    rows = [source.values.size - source.values.shape[1] for source in sources]
+    return ValueLookup(
+        values=frozen(np.concatenate([source.values.ravel() for source in sources])),
+        first=frozen(first),
+        unmapped_row=frozen(first + rows),
+        size=frozen(np.array(sizes, np.uint64)),
+        inverse=frozen(np.array([inverse_of(n, states.size) for n in sizes], np.uint64)),
+        strides_at=frozen(at.reshape(len(sources), -1)),
+        strides=frozen(np.concatenate(strides)),
+        action=frozen(np.stack(actions)),
+        combine=combine,
+        partial=partial,
+        unknown=float(unknown),
+        scale=1.0,
+        shift=0.0,
+        initial=0.0,
+    )
+
+
+def fits_task(lookup: object, states: Space, n_actions: int) -> bool:
+    """Return whether all lookups of a task's states stay within the sources: loops do not check."""
+    if not isinstance(lookup, ValueLookup) or not states.is_box:
+        return False
+    n, c = len(lookup.first), len(states.components)
+    if n == 0:
+        return lookup.action.shape == (0, n_actions)
+    shapes = lookup.strides_at.shape, lookup.action.shape, lookup.unmapped_row.shape
+    sizes = states.shape[::-1]
+    inverses = tuple(inverse_of(size, states.size) for size in sizes)
+    if shapes != ((n, c), (n, n_actions), (n,)):
+        return False
+    if (*lookup.size, *lookup.inverse) != (*sizes, *inverses):
+        return False
+    ends = lookup.strides_at + np.array(sizes)
+    if lookup.strides_at.min() < 0 or ends.max() > len(lookup.strides):
+        return False
+    last = lookup.first.copy()  # the offset of each source's last mapped state
+    for source, component in np.ndindex(n, c):
+        at, end = lookup.strides_at[source, component], ends[source, component]
+        last[source] += max(int(lookup.strides[at:end].max()), 0)
+    last = np.maximum(last, lookup.unmapped_row) + lookup.action.max(axis=1)
+    lowest = min(part.min() for part in (lookup.first, lookup.unmapped_row, lookup.action))
+    return bool(lowest >= 0 and last.max() < len(lookup.values))
 
 
 def no_sources(n_actions: int, initial: float = 0.0) -> ValueLookup:
@@ -145,3 +218,20 @@ def read_row(lookup, state, out):
             out[action] = lookup.scale * out[action] + lookup.shift
     for action in range(n_actions):
         out[action] += lookup.initial
+
+
+@compiled_once
+def read_table(lookup, q):
+    """Write initial value + phi into every row of a table, (S, A)."""
+    row = np.empty(q.shape[1])  # a table may have float32: numbers are rounded once, when written
+    for state in range(np.uint64(q.shape[0])):
+        read_row(lookup, state, row)
+        for action in range(row.shape[0]):
+            q[state, action] = row[action]
+
+
+@compiled_once
+def read_rows(lookup, states, q):
+    """Write initial value + phi of n states into a table of n rows, (n, A) float64."""
+    for i in range(states.shape[0]):
+        read_row(lookup, np.uint64(states[i]), q[i])

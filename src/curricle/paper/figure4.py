@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 import curricle as cr
-from curricle.arrays import FloatArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.learning import LearningResult
 from curricle.paper.mazes import (
     Claim,
@@ -21,8 +22,12 @@ from curricle.paper.mazes import (
 from curricle.planning import greedy_policy
 from curricle.show import draw_curve, new_figure
 from curricle.statistics import Curve, Interval, mean_interval, paired_difference
+from curricle.tasks import Task
 from curricle.text import counted
-from curricle.transfer import find_projections
+from curricle.transfer import StateActionMapping, from_function
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Arms = Mapping[str, LearningResult]
 PAPER_SEEDS = 5
@@ -146,7 +151,7 @@ def figure4(studies: Studies) -> FigureResult:
     )
 
 
-def _draw(panel: Any, arms: Arms, count: int, *, training: bool) -> None:
+def _draw(panel: "Axes", arms: Arms, count: int, *, training: bool) -> None:
     for name, result in arms.items():
         if name not in COLOURS or (training and name == "source"):
             continue
@@ -402,13 +407,59 @@ def _why_max(studies: Studies, results: Mapping[str, Arms]) -> Claim:
     )
 
 
+class _Assignment(NamedTuple):
+    """An assignment of the hunt's components to those of the chase."""
+
+    states: dict[str, str]  # component of the chase -> component of the hunt
+    mapping: StateActionMapping
+    error: float  # mean total variation distance of next states from the predicted; maybe NaN
+
+
+COMPARED = 5_000  # pairs of the hunt on which assignments are compared
+
+
+def _assignments(hunt: Task, chase: Task) -> list[_Assignment]:
+    """Return all assignments, best prediction first (Taylor, Kuhlmann, Stone 2008)."""
+    target, source, n_actions = hunt.mdp, chase.mdp, hunt.actions.size
+    going_on = np.flatnonzero(np.repeat(~target.terminal, n_actions))
+    drawn = np.random.default_rng(0).choice(going_on, min(COMPARED, len(going_on)), replace=False)
+    s, a = np.divmod(np.sort(drawn), n_actions)
+    values, assignments = hunt.states.decode(), list[_Assignment]()
+
+    def chances(
+        mdp: cr.FiniteMDP, rows: npt.NDArray[np.integer[Any]], state: IntArray
+    ) -> FloatArray:
+        """Return the chance of each state of the chase, and at last of no state."""
+        chance = np.zeros((len(rows), chase.states.size + 1))
+        place = np.arange(len(rows))[:, None], state[mdp.next_state[rows]]
+        np.add.at(chance, place, mdp.probability[rows])
+        return chance
+
+    names = hunt.states.names
+    for prey, predator, move in product(names, names, hunt.actions.names):
+
+        def read(states: Any, actions: Any, of: Any = (prey, predator, move)) -> Any:
+            return {"prey": states[of[0]], "predator": states[of[1]]}, {"predator": actions[of[2]]}
+
+        mapping = from_function(hunt, chase, read)
+        state = chase.states.encode(prey=values[prey], predator=values[predator])
+        pair, error = mapping.index[s, a], float("nan")
+        if (mapped := pair >= 0).any():
+            true = chances(target, target.outcome_row[s[mapped], a[mapped]], state)
+            rows = source.outcome_row.ravel()[pair[mapped]]
+            apart = abs(true - chances(source, rows, np.arange(chase.states.size)))
+            error = float(apart.sum(axis=1).mean() / 2)
+        assignments.append(_Assignment({"prey": prey, "predator": predator}, mapping, error))
+    return sorted(assignments, key=lambda tried: (np.isnan(tried.error), tried.error))
+
+
 def _mapping_found(curriculum: cr.Curriculum) -> Claim:
     """Search for the mappings instead of writing them."""
     hand_made = [edge.mapping for edge in curriculum.transfers]
     hunt, chase = curriculum.tasks["hunt"], curriculum.tasks["chase"]
-    projections = find_projections(hunt, chase)
-    exact = [projection for projection in projections if projection.error < 1e-9]
-    inexact = [projection for projection in projections if projection.error >= 1e-9]
+    assignments = _assignments(hunt, chase)
+    exact = [assignment for assignment in assignments if assignment.error < 1e-9]
+    inexact = [assignment for assignment in assignments if assignment.error >= 1e-9]
     recovered = len(exact) == len(hand_made) and all(
         any(np.array_equal(p.mapping.index, f.index) for p in exact) for f in hand_made
     )
@@ -425,8 +476,8 @@ def _mapping_found(curriculum: cr.Curriculum) -> Claim:
         answer(recovered and min(starts, key=starts.__getitem__) != "the two found"),
         {
             **{f"greedy start on the minimum of {name}": start for name, start in starts.items()},
-            "assignments tried": len(projections),
-            "with no disagreement": ", ".join(str(projection.states) for projection in exact),
+            "assignments tried": len(assignments),
+            "with no disagreement": ", ".join(str(assignment.states) for assignment in exact),
             "disagreement of the next best": inexact[0].error,
         },
     )

@@ -125,12 +125,12 @@ def maze(step: float) -> cr.GridWorld:
     return cr.GridWorld(MAP, rewards=cr.Rewards(step=step), discount=0.99, time_limit=200)
 
 
-def verdict(holds: Any) -> Verdict:
+def verdict(holds: object) -> Verdict:
     """Return the verdict on a claim that holds or does not."""
     return "reproduced" if holds else "not reproduced"
 
 
-def answer(holds: Any) -> Verdict:
+def answer(holds: object) -> Verdict:
     """Return the verdict on an open question that a control answers or does not."""
     return "explained" if holds else "not reproduced"
 

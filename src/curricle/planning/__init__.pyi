@@ -1,5 +1,4 @@
-from .episode import Episode as Episode
-from .policy_evaluation import GreedyEvaluation as GreedyEvaluation, Target as Target
+from .policy_evaluation import GreedyEvaluation as GreedyEvaluation
 from .rollouts import Trajectory as Trajectory, rollout as rollout
 from .solution import (
     PolicyValues as PolicyValues,
@@ -9,3 +8,4 @@ from .solution import (
     solve as solve,
     visit_distribution as visit_distribution,
 )
+from .target import Target as Target

@@ -62,12 +62,12 @@ def best_of(table, row, bits):
         ties += ones(ties_in_word(table, row, start, best))
     if ties == np.uint64(0):  # only where learning has diverged to NaN
         return best, np.uint64(0)
-    left = integers(bits * MULTIPLIER, ties)
-    while left >= ones(tied):  # further on, in a row of more than 64
-        left, first = left - ones(tied), first + WORD
+    skipped = integers(bits * MULTIPLIER, ties)
+    while skipped >= ones(tied):  # further on, in a row of more than 64
+        skipped, first = skipped - ones(tied), first + WORD
         tied = ties_in_word(table, row, first, best)
     flag = TIED if ties > np.uint64(1) else np.uint64(0)
-    return best, (first + nth_one(tied, left)) | flag
+    return best, (first + nth_one(tied, skipped)) | flag
 
 
 def greedy_action(view, state, bits):

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
+from curricle.tasks.graph import improper_states, rows_in_use, steps_to
 from curricle.tasks.kernel import Overloaded, compiled_once
-from curricle.tasks.mdp import FiniteMDP, Task, improper_states, rows_in_use, steps_to, tables
+from curricle.tasks.mdp import FiniteMDP, Task, tables
 from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
 
 RowArray = npt.NDArray[np.uint32]
@@ -246,23 +247,22 @@ class MixedPolicyBackup(NamedTuple):
 @back_ups.body(MixedPolicyBackup)
 def _mixed_policy_backup(backup, values, sweep):
     back_up_rows(backup.outcomes, values, backup.rows)
-    return mixed_policy_backup(backup.policy, backup.outcomes.terminal, backup.rows, values, 0)
+    return mixed_policy_backup(backup.policy, backup.outcomes.terminal, backup.rows, values)
 
 
 @compiled_once
-def mixed_policy_backup(policy, terminal, rows, values, start):
-    """Make values the policy's mean of their rows, from state `start` on; return the change."""
+def mixed_policy_backup(policy, terminal, rows, values):
+    """Make values the policy's mean of their rows; return the largest change."""
     first, row, weight = policy
     change = 0.0
-    for index in range(len(values)):
-        state = start + index
+    for state in range(len(values)):
         if terminal[state]:
             continue
         new = 0.0
         for entry in range(first[state], first[state + 1]):
             new += weight[entry] * rows[row[entry]]
-        change = max(change, abs(new - values[index]))
-        values[index] = new
+        change = max(change, abs(new - values[state]))
+        values[state] = new
     return change
 
 
@@ -362,25 +362,6 @@ def _greedy_planes_backup(backup, values, sweep):
             best_of_moves(plane, planes.landing, best)
         keep(best, planes.terminal, values, cell * len(plane), worst)
     return largest_of(worst)
-
-
-class PolicyPlanes(NamedTuple):
-    """A policy's backup, plane by plane; its outcome rows are numbered within a plane."""
-
-    planes: Planes
-    policy: MixedPolicy
-    plane: FloatArray  # (C^k,) work space
-
-
-@back_ups.body(PolicyPlanes)
-def _policy_planes_backup(backup, values, sweep):
-    plane, n, change = backup.plane, len(backup.plane), 0.0
-    for cell in range(len(backup.planes.landing)):
-        expect(backup.planes, values, cell, plane)
-        there, start = values[cell * n : (cell + 1) * n], cell * n
-        here = mixed_policy_backup(backup.policy, backup.planes.terminal, plane, there, start)
-        change = here if here > change else change
-    return change
 
 
 @compiled_once
@@ -547,7 +528,7 @@ class TabularPlanningModel(_Model):
 
 @dataclass(frozen=True, eq=False)
 class FactoredPlanningModel(_Model):
-    """A model computed from a factored model; its discount is below 1."""
+    """A model computed from a factored model, for the best policy; its discount is below 1."""
 
     factored_model: FactoredModel
     available: ClassVar[None] = None
@@ -586,16 +567,9 @@ class FactoredPlanningModel(_Model):
         backup = GreedyPlanes(self._planes, m.predators, space)
         return backup, min(0.0, float(m.rewards.min()))
 
-    def policy_backup(self, policy: Policy) -> Any:
-        """Return the backup of a policy."""
-        m = self.factored_model
-        rows = joint_landing(m.landing, m.predators).view(np.uint32)
-        mixed = mixed_policy(policy, self.terminal, rows)
-        return PolicyPlanes(self._planes, mixed, np.empty(self._plane_size))
-
-    def largest_sum(self, policy: Policy | None) -> float:
-        """Return a bound of the sum of a pair's probabilities, or of a state's under a policy."""
-        return sum_bound(self.factored_model.prey_policy) * policy_sum(policy, self.terminal)
+    def largest_sum(self, policy: Policy | None = None) -> float:
+        """Return a bound of the sum of a pair's probabilities."""
+        return sum_bound(self.factored_model.prey_policy)
 
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
@@ -635,17 +609,15 @@ def mixed_policy(
 ) -> MixedPolicy:
     """Return a policy in compressed form; a terminal state has one entry, which is not used.
 
-    `row_of` has the outcome row of each pair, for all states or, repeating, for a part of them.
+    `row_of` has the outcome row of each pair.
     """
-    n_states, n_actions = len(terminal), row_of.shape[1]
+    n_states, n_actions = row_of.shape
     if policy.ndim == 1:
-        row = row_of[np.arange(n_states) % len(row_of), policy]
+        row = row_of[np.arange(n_states), policy]
         return MixedPolicy(np.arange(n_states + 1), row, np.ones(n_states))
     taken = np.where(terminal[:, None], np.arange(n_actions) == 0, policy > 0)
     first = np.concatenate([[0], np.cumsum(np.count_nonzero(taken, axis=1))])
-    rows = np.broadcast_to(row_of, (n_states // len(row_of), *row_of.shape))
-    row, weight = rows[taken.reshape(rows.shape)], policy[taken]
-    return MixedPolicy(first, row, np.asarray(weight, np.float64))
+    return MixedPolicy(first, row_of[taken], np.asarray(policy[taken], np.float64))
 
 
 PlanningModel = TabularPlanningModel | FactoredPlanningModel

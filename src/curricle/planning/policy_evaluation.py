@@ -1,47 +1,39 @@
-"""Evaluation of greedy policies, exactly or by rollouts; and a target task with its optimum."""
+"""Evaluation of greedy policies, exactly or by rollouts."""
 
-import math
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
-from numba import types
-from numba._dispatcher import compute_fingerprint
-from numba.extending import intrinsic
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.planning.greedy import ACTION, TIED, Values, VisitedValues, acting_row, greedy_action
 from curricle.planning.rollouts import GreedyPolicy, ReturnRecord, simulate_episode
-from curricle.planning.solution import Solution, limited_optimum, solve
 from curricle.progress import HALTED
-from curricle.statistics.curves import ROUNDING, fraction_of_optimum
-from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, stream_start
-from curricle.tasks.live import is_live, open_model
-from curricle.tasks.mdp import (
-    NO_LIMIT,
-    Task,
-    closed,
-    generative_model,
-    has_tables,
-    improper_states,
-    tables,
+from curricle.tasks.graph import improper_states
+from curricle.tasks.kernel import (
+    Overloaded,
+    address_of,
+    called,
+    compiled,
+    draw,
+    inlined,
+    stream_start,
 )
+from curricle.tasks.live import is_live, open_model
+from curricle.tasks.mdp import NO_LIMIT, Task, closed, generative_model, has_tables, tables
 from curricle.tasks.models import (
-    Functions,
     Tables,
     evaluation_model,
     first_state,
+    has_users_code,
     table_model,
     truncated,
 )
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import state_name
-from curricle.text import brief_repr
 
 Method = Literal["auto", "exact", "rollouts", "off"]
 EPISODES, LIVE_EPISODES = 100, 5
@@ -79,9 +71,9 @@ class RolloutEvaluation(NamedTuple):
         stream, total = np.array([start ^ EVALUATION_STREAM], dtype=np.uint64), np.zeros(2)
         return RolloutEvaluation(*self[:3], stream, total, np.zeros(1, np.int64), HALTED.get())
 
-    def compiled_for(self, model: Any, view: Any) -> "RolloutEvaluation":
+    def compiled_for(self, model: object, view: object) -> "RolloutEvaluation":
         """Return this with its machine code for such a view in such a model."""
-        loop = compiled(rollout_return, isinstance(model, Functions))
+        loop = compiled(rollout_return, has_users_code(model))
         return self._replace(address=address_of(loop, self, model, view))
 
 
@@ -135,7 +127,7 @@ class ExactEvaluation(NamedTuple):
         """Return this with work space for a run."""
         return self.of(*self[:3], self.tables.outcome_row.shape)
 
-    def compiled_for(self, model: Any, view: Any) -> "ExactEvaluation":
+    def compiled_for(self, model: object, view: object) -> "ExactEvaluation":
         """Return this with its machine code for such a view; it needs no model but its tables."""
         fixed = fixed_views.bodies.get(type(view), lambda view: view)(view)
         return self._replace(address=address_of(compiled(exact_return, False), self, fixed))
@@ -153,44 +145,12 @@ class NoEvaluation(NamedTuple):
         """Return this."""
         return self
 
-    def compiled_for(self, model: Any, view: Any) -> "NoEvaluation":
+    def compiled_for(self, model: object, view: object) -> "NoEvaluation":
         """Return this."""
         return self
 
 
 EvaluationKernel = ExactEvaluation | RolloutEvaluation | NoEvaluation
-
-
-MOST_SWEEPS, MOST_BACKUPS = 10_000, 10_000_000
-"""Steps, and outcomes times steps, to which all episodes are searched for extreme returns: 0.1 s"""
-
-
-def possible_returns(task: Any, discount: float) -> tuple[float, float] | None:
-    """Return the lowest and the highest return of an episode; None where they are not known.
-
-    They are of a task with tables, if it is small enough: v(s) = max_a max_o r + gamma v(s') over
-    the outcomes o that are possible, for each step to the time limit, and the same with min.
-    """
-    if is_observation_task(task) or not has_tables(task):
-        return None
-    generative, ends = generative_model(task), list[float]()
-    if generative.states.size * generative.actions.size > LARGEST_SOLVED:
-        return None
-    mdp = tables(task)
-    possible, going = mdp.probability > 0, ~mdp.terminal
-    most = min(MOST_SWEEPS, 1 + MOST_BACKUPS // max(possible.size, mdp.outcome_row.size))
-    limit = NO_LIMIT if mdp.time_limit is None else mdp.time_limit
-    for sign in (-1, 1):
-        values, n, rewards = np.zeros(len(going)), 0, np.where(possible, sign * mdp.reward, -np.inf)
-        before = values + np.inf
-        while n < limit and (values != before).any():
-            if n == most:
-                return None
-            rows = (rewards + discount * values[mdp.next_state]).max(axis=1)[mdp.outcome_row]
-            before, values = values, np.where(going, closed(rows, mdp.available).max(axis=1), 0.0)
-            n += 1
-        ends.append(sign * float(values[mdp.start > 0].max()) + 0.0)
-    return ends[0], ends[1]
 
 
 @dataclass(frozen=True)
@@ -261,7 +221,7 @@ class GreedyEvaluation:
         model = task if networks else generative_model(task)
         return float(model.discount) if discounted else 1.0
 
-    def rollouts(self, task: Any) -> int:
+    def rollouts(self, task: object) -> int:
         """Return the episodes that rollouts take the mean of, in a task of any kind."""
         few = is_observation_task(task) or is_live(task)
         return self.episodes or (LIVE_EPISODES if few else EPISODES)
@@ -290,9 +250,16 @@ class GreedyEvaluation:
         return horizon
 
 
+class Evaluated(NamedTuple):
+    """The expected return of a policy, and the steps that rollouts took for it."""
+
+    value: float
+    steps: int
+
+
 def greedy_policy_return(
-    task: Task, view: Any, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
-) -> float:
+    task: Task, view: object, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
+) -> Evaluated:
     """Return the expected return of the policy that is greedy on a view (:func:`greedy_action`).
 
     Rollouts draw as :func:`learn` does at step 0 for the same seed and stream.
@@ -300,67 +267,17 @@ def greedy_policy_return(
     start = stream_start(seed, stream)
     kernel = evaluation.kernel(task).for_run(start)
     if isinstance(kernel, NoEvaluation):
-        return np.nan
+        return Evaluated(np.nan, 0)
     if isinstance(kernel, ExactEvaluation):
         if isinstance(view, Values | VisitedValues):  # one type, as of the tables that learn
             values = np.zeros(kernel.tables.outcome_row.shape)
             values[view.states if isinstance(view, VisitedValues) else ...] = view.values
             view = Values(closed(values, tables(task).available))
-        return float(compiled(exact_return, False)(kernel, view))
+        return Evaluated(float(compiled(exact_return, False)(kernel, view)), 0)
     with open_model(generative_model(task), start) as model:
-        loop = compiled(rollout_return, isinstance(model, Functions))
-        return float(loop(kernel, model, view))
-
-
-# -- machine code that loops call at its address ---------------------------------------------------
-#
-# The code for a checkpoint takes longer to compile than the code for a step. It is compiled once,
-# and all loops call it by its address: Numba would compile a function that is called by name into
-# each loop anew.
-
-
-CALLABLE = set[tuple[Any, ...]]()  # the types of arguments for which there is machine code
-_ADDRESSES = dict[Any, int]()
-
-
-def address_of(loop: Any, *arguments: Any) -> int:
-    """Return where the machine code of a compiled function for such arguments begins."""
-    key = None
-    with suppress(NotImplementedError):  # of a user's compiled functions
-        key = loop, compute_fingerprint(arguments)  # thirty times faster than Numba's types
-    if key not in _ADDRESSES:
-        kinds = tuple(loop.typeof_pyval(argument) for argument in arguments)
-        loop.compile(kinds)  # or read from the disk, or nothing, where it is there
-        CALLABLE.add(kinds)
-        machine = loop.overloads[kinds]
-        name = machine.fndesc.llvm_func_name
-        _ADDRESSES[key] = int(machine.library.get_pointer_to_function(name))
-    return _ADDRESSES[key] if key else _ADDRESSES.pop(key)
-
-
-@intrinsic
-def called(_, address, arguments):
-    """Return the float64 that the machine code at an address returns for a tuple of arguments."""
-    # Nothing at run time knows what the machine code takes: `address_of` must have been given an
-    # example of these arguments.
-    kinds = tuple(types.unliteral(kind) for kind in arguments)
-    if kinds not in CALLABLE:
-        raise TypeError(f"no machine code takes arguments of types {kinds}")
-
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        convention = context.call_conv
-        kind = convention.get_function_type(types.float64, kinds).as_pointer()
-        parts = [
-            context.cast(builder, builder.extract_value(args[1], place), kind_there, kind_taken)
-            for place, (kind_there, kind_taken) in enumerate(zip(arguments, kinds, strict=True))
-        ]
-        code = builder.inttoptr(args[0], kind)
-        status, value = convention.call_function(builder, code, types.float64, kinds, parts)
-        with builder.if_then(status.is_error):
-            convention.return_status_propagate(builder, status)
-        return value
-
-    return types.float64(address, arguments), build
+        loop = compiled(rollout_return, has_users_code(model))
+        value = float(loop(kernel, model, view))
+    return Evaluated(value, kernel.steps)
 
 
 # -- compiled ------------------------------------------------------------------------------------
@@ -401,14 +318,14 @@ def mean_of_rollouts(evaluation, model, view):
     total[0] = 0.0
     for _ in range(evaluation.episodes):
         state, total[1] = first_state(played, draw(stream)), 1.0
-        left, goes_on = evaluation.horizon, True
+        remaining, goes_on = evaluation.horizon, True
         while goes_on:
-            most = left if left < SLICE else SLICE
+            most = remaining if remaining < SLICE else SLICE
             n, state, terminated = simulate_episode(played, policy, state, stream, most, record, 0)
             evaluation.taken[0] += n
-            left -= n
+            remaining -= n
             ended = terminated or truncated(played) or evaluation.halted[0]
-            goes_on = left > 0 and not ended
+            goes_on = remaining > 0 and not ended
         if evaluation.halted[0]:
             break
     return total[0] / evaluation.episodes
@@ -502,12 +419,12 @@ def return_of_chain(evaluation, view):
         n_next, in_play = 0, 0.0
         for i in range(n_alive):
             state = alive[now, i]
-            here = mass[now, state]
+            chance = mass[now, state]
             mass[now, state] = 0.0
-            total += weight * here * chain.reward[state]
-            in_play += here * chain.goes_on[state]
+            total += weight * chance * chain.reward[state]
+            in_play += chance * chain.goes_on[state]
             for k in range(chain.first[state], chain.end[state]):
-                after, part = chain.next_state[k], here * chain.probability[k]
+                after, part = chain.next_state[k], chance * chain.probability[k]
                 if part > 0.0:
                     if mass[1 - now, after] == 0.0:
                         alive[1 - now, n_next] = after
@@ -516,149 +433,10 @@ def return_of_chain(evaluation, view):
         now, n_alive = 1 - now, n_next
         weight *= evaluation.discount
         # Until there is a reward, a discount ends nothing: a far goal may be all there is to earn.
-        left = in_play if total == 0.0 else in_play * weight
-        ends = left < evaluation.negligible or step == evaluation.horizon - 1
+        unearned = in_play if total == 0.0 else in_play * weight
+        ends = unearned < evaluation.negligible or step == evaluation.horizon - 1
         if ends or evaluation.halted[0]:
             for i in range(n_alive):
                 mass[now, alive[now, i]] = 0.0
             break
     return total
-
-
-# -- a target task, solved once if it can be -------------------------------------------------------
-
-
-LARGEST_SOLVED = 5_000_000  # pairs (S x A) up to which a target is solved
-LARGEST_EVALUATED = 300_000_000
-"""Outcomes in all steps (S x A x O x horizon) up to which greedy policies are evaluated exactly."""
-ROLLOUTS = 1000  # rollouts of an evaluation that is not exact
-BATCHES = 10  # parts into which the rollouts of an evaluation are divided, for their standard error
-STANDARD_ERRORS = 2.0  # within which two returns are called the same
-NOT_LEARNT = 0.5  # share of the way from random to the optimum below which a task was not learnt
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """A target task in which potentials are measured; solved once, if it can be.
-
-    Attributes
-    ----------
-    task : Task
-    evaluation : GreedyEvaluation
-    solution : Solution or None
-        None where the target is too large to solve, or where at discount 1 only the time limit
-        ends some policy's episodes.
-    typical_reward : float
-        Median size of the rewards other than 0.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> Target.of(GridWorld("S.T", discount=0.5)).optimum
-    98.5
-    """
-
-    task: Task
-    evaluation: GreedyEvaluation
-    solution: Solution | None
-    typical_reward: float
-
-    __repr__ = brief_repr
-
-    @classmethod
-    def of(
-        cls, task: Task, evaluation: GreedyEvaluation | None = None, *, episodes: int = ROLLOUTS
-    ) -> "Target":
-        """Return a target, evaluated exactly where it can be, else by `episodes` rollouts."""
-        settings = GreedyEvaluation() if evaluation is None else evaluation
-        generative = generative_model(task)
-        pairs = generative.states.size * generative.actions.size
-        solution, typical = None, float("nan")
-        method: Literal["exact", "rollouts"] = "rollouts"
-        if has_tables(task) and pairs <= LARGEST_SOLVED:
-            mdp = tables(task)
-            try:
-                solution = solve(task)
-            except SettingError:
-                if generative.discount < 1:
-                    raise  # at discount 1 not every policy ends
-            sizes = abs(mdp.reward[mdp.reward != 0])
-            typical = float(np.median(sizes)) if sizes.size else 1.0
-            outcomes = pairs * mdp.probability.shape[1]
-            few = outcomes <= LARGEST_EXACT  # without a limit or discount the horizon is endless
-            if few or outcomes * settings.horizon(task) <= LARGEST_EVALUATED:
-                method = "exact"
-        return cls(task, replace(settings, method=method, episodes=episodes), solution, typical)
-
-    @cached_property
-    def optimum(self) -> float:
-        """The highest expected return of a policy; NaN where the target is not solved.
-
-        Under a time limit the policy may count the steps. Where the evaluation has another discount
-        than the task, or samples, it is the return of a policy that is optimal without a limit.
-        """
-        if self.solution is None:
-            return float("nan")
-        model = generative_model(self.task)
-        comparable = self.evaluation.discount(self.task) == model.discount
-        if self.evaluation.method == "exact" and comparable and model.time_limit is not None:
-            return limited_optimum(tables(self.task), model.time_limit)
-        best = Values(self.solution.action_values)
-        return greedy_policy_return(self.task, best, self.evaluation)
-
-    @cached_property
-    def random_return(self) -> float:
-        """The expected return of the policy that takes every available action equally often."""
-        return greedy_policy_return(self.task, self._no_values, self.evaluation)
-
-    @property
-    def _no_values(self) -> VisitedValues:
-        return VisitedValues.none(generative_model(self.task).actions.size)
-
-    @cached_property
-    def floor(self) -> float:
-        """The return above which something was learnt: half of the way from random to the optimum.
-
-        Where the optimum is unknown, the random policy's return and its noise; without a bound
-        where the random policy is optimal, as there is nothing to learn.
-        """
-        if self.solution is not None:
-            best, worst = self.optimum, self.random_return
-            equal = math.isclose(best, worst, rel_tol=ROUNDING)
-            return -math.inf if equal else self.level(NOT_LEARNT)
-        random, noise = self.estimated(self._no_values)
-        return random + STANDARD_ERRORS * noise
-
-    def estimated(self, view: Any) -> tuple[float, float]:
-        """Return the expected return of a greedy policy, and its standard error; 0 if exact."""
-        if self.evaluation.method == "exact":
-            return greedy_policy_return(self.task, view, self.evaluation), 0.0
-        part = replace(self.evaluation, episodes=-(-self.evaluation.rollouts(self.task) // BATCHES))
-        returns = [
-            greedy_policy_return(self.task, view, part, seed=k, stream="source_learning")
-            for k in range(BATCHES)
-        ]
-        return float(np.mean(returns)), float(np.std(returns, ddof=1) / np.sqrt(BATCHES))
-
-    def level(self, fraction: float) -> float:
-        """Return worst + fraction (optimum - worst), worst being the random policy's return.
-
-        SettingError when the target is not solved.
-        """
-        if self.solution is None:
-            raise not_solved(fraction, self.task)
-        model = generative_model(self.task)
-        if model.time_limit is None and self.optimum == 0 != self.solution.start_value:
-            raise SettingError(
-                "a fraction of the optimum needs a time limit, time_limit=, where the discount "
-                f"leaves less than {NEGLIGIBLE:g} of all rewards: it is {model.discount:g}"
-            )
-        return fraction_of_optimum(self.optimum, self.random_return, fraction)
-
-
-def not_solved(fraction: float, task: Any) -> SettingError:
-    """Return the error that a fraction of an unknown optimum was asked for."""
-    return SettingError(
-        f"a fraction of the optimum needs a task that can be solved: got {fraction:g} of {task!r}; "
-        "give a return instead"
-    )

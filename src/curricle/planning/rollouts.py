@@ -6,7 +6,6 @@ for each step, for the action and (mixed once more) for its outcome.
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -31,10 +30,10 @@ from curricle.tasks.kernel import (
 from curricle.tasks.live import is_live, open_model
 from curricle.tasks.mdp import GenerativeModel, Task, available_actions, generative_model
 from curricle.tasks.models import (
-    Functions,
     cumulated,
     first_state,
     has_failed,
+    has_users_code,
     permitted,
     transition,
     truncated,
@@ -169,7 +168,7 @@ def _simulate(model, policy, starts, stream, limit, record, ends):
 
 
 def simulate(
-    model: Any,
+    model: object,
     policy: UniformPolicy | TablePolicy | GreedyPolicy,
     stream: npt.NDArray[np.uint64],
     *,
@@ -186,7 +185,7 @@ def simulate(
     record = StepRecord(np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size))
     ends = EpisodeEnds(*np.zeros((2, episodes), np.int64), *np.zeros((2, episodes), np.bool_))
     first = np.zeros(0, np.int64) if starts is None else np.array(starts, np.int64)
-    loop = compiled(_simulate, isinstance(model, Functions))
+    loop = compiled(_simulate, has_users_code(model))
     loop(model, policy, first, stream, limit, record, ends)
     n = int(ends.lengths.sum())
     taken = record.states[:n].copy(), record.actions[:n].copy(), record.rewards[:n].copy()
@@ -197,7 +196,7 @@ ROLLOUTS, LENGTH = 100, 200  # random rollouts that measure a task's speed; one 
 MOST_PAIRS = 100_000_000  # table entries for rollouts: memory is reserved, little of it used
 
 
-def random_step_seconds(task: Any) -> float:
+def random_step_seconds(task: object) -> float:
     """Return the seconds that a random step of a task with states takes."""
     generative = generative_model(task)
     shape = generative.states.size, generative.actions.size
@@ -308,7 +307,9 @@ def rollout(
     return _trajectory(generative, GreedyPolicy(Values(frozen(values))), seed, steps, start)
 
 
-def greedy_rollout(task: Task, view: Any, *, seed: int = 0, steps: int | None = None) -> Trajectory:
+def greedy_rollout(
+    task: Task, view: object, *, seed: int = 0, steps: int | None = None
+) -> Trajectory:
     """Return one episode of the policy that is greedy on a view of values, ties drawn uniformly."""
     return _trajectory(generative_model(task), GreedyPolicy(view), seed, steps)
 
@@ -321,39 +322,34 @@ def _trajectory(
     start: int | None = None,
 ) -> Trajectory:
     """Return one episode of a policy as the simulator reads it."""
-    left = generative.time_limit if steps is None else steps
-    left = whole_number("the limit of a rollout in steps", left, 1, SettingError)
+    remaining = generative.time_limit if steps is None else steps
+    remaining = whole_number("the limit of a rollout in steps", remaining, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
-    starts = None if start is None else _starts(generative, [start])
+    starts = None if start is None else _start(generative, start)
     first = stream_start(seed, "rollout")
     stream, parts = np.array([first], np.uint64), list[StepRecord]()
     with open_model(generative, first) as model:
         while True:
-            limit = min(left, CHUNK)
+            limit = min(remaining, CHUNK)
             part, ends = simulate(model, policy, stream, episodes=1, limit=limit, starts=starts)
             parts.append(part)
-            left, starts = left - limit, ends.last_states
-            if ends.terminated[0] or ends.truncated[0] or not left:
+            remaining, starts = remaining - limit, ends.last_states
+            if ends.terminated[0] or ends.truncated[0] or not remaining:
                 break
     states, actions, rewards = (np.concatenate(part) for part in zip(*parts, strict=True))
     states, terminated = np.append(states, ends.last_states), bool(ends.terminated[0])
     return Trajectory(frozen(states), frozen(actions), frozen(rewards), terminated, not terminated)
 
 
-def _starts(task: GenerativeModel, starts: Sequence[int] | IntArray) -> IntArray:
-    """Return the states that episodes start in, (E,), or raise SettingError if they cannot."""
+def _start(task: GenerativeModel, start: int) -> IntArray:
+    """Return the state that an episode starts in, (1,), or raise SettingError if it cannot."""
     if is_live(task):
-        raise SettingError(f"a live task's environment chooses the start: got start {starts[0]!r}")
-    name, terminal = "the state a rollout starts in", task.terminal
-    states = np.array([whole_number(name, state, 0, SettingError) for state in starts])
-    bad = states >= task.states.size
-    if terminal is not None:
-        bad[~bad] = terminal[states[~bad]]
-    if bad.any():
-        raise SettingError(
-            f"a rollout must start in a state that is not terminal: got {states[bad][0]}"
-        )
-    return states
+        raise SettingError(f"a live task's environment chooses the start: got start {start!r}")
+    state = whole_number("the state a rollout starts in", start, 0, SettingError)
+    terminal = task.terminal
+    if state >= task.states.size or (terminal is not None and terminal[state]):
+        raise SettingError(f"a rollout must start in a state that is not terminal: got {state}")
+    return np.array([state])
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,24 +373,16 @@ class RandomRollouts(Frozen):
         return np.asarray(last & self.terminated[:, None])
 
 
-def random_rollouts(
-    task: Task, *, episodes: int, length: int, seed: int = 0, starts: IntArray | None = None
-) -> RandomRollouts:
-    """Return episodes in which every available action is equally likely at every step.
-
-    They start as the task draws them, or in `starts`, (E,), as many states as `episodes`.
-    """
+def random_rollouts(task: Task, *, episodes: int, length: int, seed: int = 0) -> RandomRollouts:
+    """Return episodes in which every available action is equally likely at every step."""
     n = whole_number("episodes of random rollouts", episodes, 1, SettingError)
     length = whole_number("the length of a random rollout in steps", length, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
     generative = generative_model(task)
     first = stream_start(seed, "random_rollouts")
     policy, stream = UniformPolicy(np.uint64(generative.actions.size)), np.array([first], np.uint64)
-    states = None if starts is None else _starts(generative, starts)
-    if states is not None and len(states) != n:
-        raise SettingError(f"starts must be as many as episodes, {n}: got {len(states)}")
     with open_model(generative, first) as model:
-        steps, ends = simulate(model, policy, stream, episodes=n, limit=length, starts=states)
+        steps, ends = simulate(model, policy, stream, episodes=n, limit=length)
     taken = np.arange(length) < ends.lengths[:, None]
     states = np.repeat(ends.last_states[:, None], length + 1, axis=1)
     states[:, :-1][taken] = steps.states

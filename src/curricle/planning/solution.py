@@ -23,15 +23,8 @@ from curricle.planning.models import (
     model_of,
 )
 from curricle.progress import Bars, Progress, shown
-from curricle.tasks.mdp import (
-    PROBABILITY_TOLERANCE,
-    FiniteMDP,
-    Task,
-    closed,
-    normalised,
-    steps_to,
-    tables,
-)
+from curricle.tasks.graph import steps_to
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task, closed, normalised, tables
 from curricle.tasks.spaces import state_name
 from curricle.text import brief_repr
 
@@ -169,8 +162,8 @@ def evaluate(
 ) -> PolicyValues:
     """Return the exact values of a policy, with a guaranteed error bound.
 
-    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with occasional
-    extrapolation (Anderson 1965).
+    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps of the tables with
+    occasional extrapolation (Anderson 1965).
 
     Parameters
     ----------
@@ -195,7 +188,7 @@ def evaluate(
     >>> evaluate(maze, [3, 1, 0]).values  # west, east, -
     array([ -2., 199.,   0.])
     """
-    model = model_of(task)
+    model = TabularPlanningModel.of(tables(task))
     if callable(getattr(policy, "predict", None)):
         policy_of = getattr(task, "policy", None)
         if not callable(policy_of):
@@ -330,7 +323,7 @@ def _unit(model: PlanningModel, policy: Policy | None) -> float:
 
 
 def _tabular(model: PlanningModel) -> TabularPlanningModel:
-    assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
+    assert isinstance(model, TabularPlanningModel), "a policy, or discount 1, needs the tables"
     return model
 
 
@@ -348,7 +341,7 @@ def _fixed_point(
     else:
         values = np.zeros(len(model.terminal))
         steps = np.zeros((2, len(values)))
-        backup = ExtrapolatedBackup(model.policy_backup(policy), steps, np.array([-1]))
+        backup = ExtrapolatedBackup(_tabular(model).policy_backup(policy), steps, np.array([-1]))
     pairs = max(1, values.size * model.n_actions)
     most = min(DIRECT_AFTER, max(1, AT_ONCE // pairs))
     reach = float(abs(values).max(initial=0.0))
@@ -539,12 +532,12 @@ def _error(
     )
     q = backed_up(model, values)
     short = float(abs(q[places, policy] - values)[live].max()) + rounding
-    left = abs(backed_up(counted, lengths)[places, policy] - lengths)[live].max() + rounding_lengths
+    rest = abs(backed_up(counted, lengths)[places, policy] - lengths)[live].max() + rounding_lengths
     cost = float((above - backed_up(model, above).max(axis=1))[live].min()) - rounding_above
     over = max(0.0, float((q.max(axis=1) - values)[live].max())) + rounding
-    if not (left < 1 and 0 < over <= cost):
+    if not (rest < 1 and 0 < over <= cost):
         return np.inf
-    lower = short * float(lengths.max()) / (1 - left)
+    lower = short * float(lengths.max()) / (1 - rest)
     upper = over / cost * max(0.0, float((above - values).max()))
     return float((max(lower, upper) + rounding) * model.largest_sum(None) * (1 + 64 * unit))
 

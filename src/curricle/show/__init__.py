@@ -1,7 +1,6 @@
-"""All drawing: figures, mazes and potentials, and a study's report as an HTML page.
+"""Results drawn: figures, mazes and potentials, and a study's report as an HTML page.
 
-``views`` defines cells and markers that move over them, ``style`` colours and numbers as text. From
-both come Matplotlib's figures, SVG on a page, pixels, and text in a terminal.
+``style`` has colours and numbers as text, for Matplotlib's figures and for SVG on a page.
 """
 
 import lazy_loader

@@ -12,10 +12,10 @@ import numpy as np
 from curricle.arrays import FloatArray
 from curricle.learning.result import LearningResult
 from curricle.show.plots import places
-from curricle.show.style import rounded
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import extremes, mean_interval
 from curricle.study.record import ArmRecord, CurriculaRecord
+from curricle.text import rounded
 
 # All in CSS pixels.
 CARD, GAP, FALL = 156, 14, 64  # width of a card, and the space between cards, across and down

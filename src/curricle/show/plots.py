@@ -1,4 +1,4 @@
-"""Figures by Matplotlib: grids, learning results, comparisons and forecasts; and their files."""
+"""Figures by Matplotlib: grids, learning results and comparisons; and their files."""
 
 import io
 import math
@@ -19,13 +19,13 @@ from matplotlib.patheffects import withStroke
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, numbers
+from curricle.comparison import sentences
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.forecasting import Forecast
-from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.curriculum.result import MOST_CURVES, CurriculumResult
 from curricle.errors import SettingError
 from curricle.files import write_whole
-from curricle.learning.result import GREEDY_RETURN, LearningResult, shown_line
+from curricle.learning.result import GREEDY_RETURN, LearningResult, ends_of, shown_returns
+from curricle.pictures.views import At, GridView, stacked
 from curricle.show.style import (
     COLOURS,
     MOST_NUMBERS,
@@ -36,23 +36,20 @@ from curricle.show.style import (
     arm_styles,
     caption,
     digits_of,
-    minus,
     new_figure,
     return_scale,
-    rounded,
     spell_out,
     steps_scale,
     value_scale,
-    without_seeds,
     write_columns,
 )
-from curricle.show.views import At, GridView, stacked
 from curricle.statistics.curves import SCRATCH, Curve, asymptotic_performance, smooth
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import CONFIDENCE, mean_interval
-from curricle.tasks.domain import LETTERS
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.layout import LETTERS
 from curricle.tasks.mdp import Task, generative_model
+from curricle.text import minus
 
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {},
@@ -62,13 +59,13 @@ METADATA: dict[str, dict[str, Any]] = {
 """Ending -> metadata. Without a date the same results give the same file."""
 
 
-def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> Figure:
+def plot(subject: object, path: str | Path | None = None, *, task: Any = None) -> Figure:
     """Return the figure of a subject, and write it to a file if there is a path.
 
     Parameters
     ----------
-    subject : Comparison, Forecast, StudyResults, LearningResult, CurriculumResult or array
-        A comparison or a study: curves, profiles and gains of the arms. A forecast: its rows. A
+    subject : Comparison, Trial, StudyResults, LearningResult, CurriculumResult or array
+        A comparison, a forecast's trial or a study: curves, profiles and gains of the arms. A
         learning result: its learning curve; a curriculum's: those of its last tasks. Values, (S,)
         or (S, A) float64: the best of each state, as a heat map of their `task`.
     path : str or Path, optional
@@ -99,8 +96,6 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
         with matplotlib.rc_context(STYLE):
             figure, ((axes,),) = new_figure(1, 1, width=5.5, height=4.2)
             draw_potential(axes, task, array, label="max Q(s, a)" if array.ndim == 2 else "V(s)")
-    elif isinstance(subject, Forecast):
-        figure = draw_forecast(subject)
     elif isinstance(subject, LearningResult):
         name = "learning" if subject.task is None else type(subject.task).__name__
         figure = draw_results({name: subject})
@@ -110,7 +105,7 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
         compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
         if not isinstance(compared, Comparison):
             raise SettingError(
-                "what is plotted must be a Comparison, Forecast, StudyResults, LearningResult or "
+                "what is plotted must be a Comparison, Trial, StudyResults, LearningResult or "
                 f"CurriculumResult, or an array of values with its task: got {brief(subject)}"
             )
         figure = draw_comparison(compared)
@@ -171,7 +166,7 @@ def check_path(path: str | Path) -> Path:
 ALL = 10**9  # more checkpoints than a curve has
 NAME_LETTERS, TITLE_LETTERS = 28, 110  # in a line of an arm's name, of the title
 MOST_BANDS, BARS = 6, 6  # arms up to which bands are drawn; bars of an arm in their place
-ROW_HEIGHT, BAR_HEIGHT = 0.21, 0.28  # inches of an arm in a comparison, of a forecast's row
+ROW_HEIGHT = 0.21  # inches of an arm in a comparison
 
 
 def draw_curve(
@@ -182,7 +177,7 @@ def draw_curve(
     colour: str,
     window: int = 1,
     strong: bool = False,
-    dashes: Any = "-",
+    dashes: object = "-",
     confidence: float = CONFIDENCE,
     within: tuple[float, float] = (-math.inf, math.inf),
     bars: IntArray | None = None,
@@ -251,9 +246,10 @@ def draw_results(results: Mapping[str, LearningResult]) -> Figure:
     shown = [*results.items()][-MOST_CURVES:]
     figure, grid = new_figure(1, len(shown), width=1 + 4.2 * len(shown), height=3.4)
     for axes, (name, result) in zip(grid[0], shown, strict=True):
-        named, line = shown_line(name, result)
-        axes.plot(line.steps, line.values, color=COLOURS["blue"], lw=1.5)
-        axes.fill_between(line.steps, line.low, line.high, color=COLOURS["blue"], alpha=0.2, lw=0)
+        named, values = shown_returns(result)
+        band, shade = mean_interval(values).within(ends_of(result)), COLOURS["blue"]
+        axes.plot(result.steps, band.estimate, color=shade, lw=1.5)
+        axes.fill_between(result.steps, band.low, band.high, color=shade, alpha=0.2, lw=0)
         axes.set_title(name)
         steps_scale(axes, int(result.steps[-1]))
         drawn = axes.dataLim
@@ -336,7 +332,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     _draw_gains(gains, comparison, styles)
     title = f"{comparison.target}: every arm spends {comparison.total:,} steps"
     figure.suptitle(fill(title, TITLE_LETTERS))  # Matplotlib's own lines read dollars as formulas
-    caption(figure, _caption_of(comparison))
+    caption(figure, sentences.caption(comparison))
     return figure
 
 
@@ -366,23 +362,18 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
 def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
     """Draw the gains as a forest plot; the names of its rows are the legend of the figure."""
     axes.axvline(0, color=COLOURS["black"], lw=0.8)
-    tested = not comparison.withheld
-    columns = [("gain" + " [95 %]" * (comparison.seeds > 1), "p (Holm)" * tested)]
     for row, (name, style) in enumerate(styles.items()):
         sample: Any = {"linestyle": style.dashes, "lw": 1.8, "clip_on": False}
         across = axes.get_yaxis_transform()
         axes.plot([-0.16, -0.03], [row, row], color=style.colour, transform=across, **sample)
         if name in comparison.scratches:
-            columns.append(("reference" if name in comparison.best_opponents else "", ""))
             continue
         gain = comparison.contrasts[name].strong_gain
         verdict = comparison.verdicts.get(name)
         axes.hlines(row, gain.low, gain.high, colors=style.colour, lw=2)
         face = style.colour if verdict is not None and verdict.direction else "w"
         axes.plot(gain.estimate, row, "o", color=style.colour, mfc=face, ms=4.5, label=name)
-        p = f"{verdict.adjusted_p:.2g}" if tested and verdict is not None else ""
-        columns.append((without_seeds(gain), p))
-    write_columns(axes, list(zip(*columns, strict=True)))
+    write_columns(axes, sentences.gain_columns(comparison, list(styles)))
     names = [fill(style.short, NAME_LETTERS) for style in styles.values()]
     axes.set_yticks(range(len(styles)), names)
     axes.tick_params(axis="y", length=0, pad=32)
@@ -397,78 +388,6 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     best = " or ".join(comparison.best_opponents)
     axes.set_title("gain over the best opponent", loc="right")  # columns of text begin there
     axes.set_xlabel(fill(f"mean return, minus that of {best}", 40))
-
-
-def _caption_of(comparison: Comparison) -> str:
-    how, sure = "One seed, which allows neither intervals nor tests.", ""
-    if comparison.seeds > 1:
-        how = (
-            f"{comparison.seeds} seeds; bands and bars are nominal 95 % intervals over seeds, "
-            "Student's for means and Wilson's for shares, pointwise for curves and profiles."
-        )
-        n = len(comparison.verdicts)
-        tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
-        sure = f"p values of a sign-flip test of the paired differences, {tests}; filled where "
-        sure = f"; {comparison.withheld or f'{sure}p < {SIGNIFICANT:g}'}"
-    controls = any(arm.control for arm in comparison.arms.values())
-    return (
-        f"{how} Left: means over seeds; dotted, steps in the sources, at the random policy's "
-        "return; circle, where the first seed begins the target. Middle: final is the mean over "
-        "the last tenth of the checkpoints. Right: the mean return is the mean height of the left "
-        f"curve{sure}.{' Dashed and greyer: controls.' * controls}"
-    )
-
-
-# -- forecasts -------------------------------------------------------------------------------------
-
-
-@matplotlib.rc_context(STYLE)
-def draw_forecast(forecast: Forecast) -> Figure:
-    """Return the figure of a forecast: bars from the random policy's return to predicted starts."""
-    rows, low = forecast.rows, forecast.random_return
-    figure, ((axes,),) = new_figure(1, 1, width=7.5, height=1.6 + BAR_HEIGHT * max(len(rows), 3))
-    for y, row in enumerate(rows):
-        colour, alpha = COLOURS["blue" if row.aggregate else "grey"], 0.9 if row.used else 0.45
-        axes.barh(y, row.mean("start") - low, 0.62, low, color=colour, alpha=alpha)
-        starts = [seed.start for seed in row.seeds]
-        # Seeds lie side by side, so that equal starts can be seen.
-        heights = y + 0.2 * np.linspace(-1, 1, len(starts)) * (len(starts) > 1)
-        axes.plot(starts, heights, "o", color="k", ms=2.5)
-    axes.set_yticks(range(len(rows)), [row.name + " (used)" * row.used for row in rows])
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-    bounds = ("random policy", low, ":", "left"), ("optimum", forecast.optimum, "-", "right")
-    for name, bound, dashes, side in bounds:
-        if not math.isnan(bound):
-            axes.axvline(bound, color=COLOURS["black"], lw=1, linestyle=dashes)
-            label = f"{name} {rounded(bound)}"
-            axes.annotate(label, (bound, 1), (0, 3), ha=side, fontsize=7.5, **above)
-    axes.use_sticky_edges = False
-    axes.margins(x=0.04)
-    axes.xaxis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))
-    axes.set_xlabel("expected return of the greedy policy")
-    over, share = "φ > Q*", "state-action pairs whose potential φ is above their optimal value"
-    if not forecast.solved:
-        over = "φ > return"
-        share = "the steps of φ's greedy policy on which φ is above the return to go"
-    shares = [f"{row.mean('optimistic'):.0%}" for row in rows]
-    scales = ["none" if math.isnan(row.scale) else f"× {row.scale:.2g}" for row in rows]
-    write_columns(axes, [(over, *shares), ("scale", *scales)])
-    # The sources' names are not in the caption: lines that are wrapped read dollars as formulas.
-    title = f"{forecast.target}: where learning would start, not what it gains"
-    figure.suptitle(f"{title}\na forecast {forecast.computed_from}")
-    bars = "Bars: mean over seeds; dots: seeds" if len(rows[0].seeds) > 1 else "One seed"
-    returns = "exact" if forecast.exact else "by rollouts"
-    alone = any(not row.aggregate for row in rows)
-    colours = " Blue: all transfers together; grey: one alone." * alone
-    caption(
-        figure,
-        f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
-        f"{over}: share of {share}. Scale: what a calibration would multiply φ by.{colours}",
-    )
-    return figure
 
 
 # -- grids: mazes, values and potentials as heat maps ----------------------------------------------

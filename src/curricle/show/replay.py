@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatTable, IntArray
 from curricle.learning.record import Snapshots
+from curricle.pictures.views import GridView, stacked
 from curricle.show.graph import Learnt
 from curricle.show.plots import places
 from curricle.show.style import (
@@ -22,15 +23,12 @@ from curricle.show.style import (
     SHADES,
     TINTS,
     digits_of,
-    minus,
-    rounded,
     shades_of,
     value_scale,
 )
-from curricle.show.views import GridView, stacked
 from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord
-from curricle.tasks.domain import LETTERS
-from curricle.text import counted
+from curricle.tasks.layout import LETTERS
+from curricle.text import counted, minus, rounded
 
 MOST_MOMENTS = 48  # moments of one training at most
 MOST_CELLS = 16_000  # of all replays, each printed at three moments: under four megabytes

@@ -16,8 +16,7 @@ from functools import partial
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
-from secrets import token_hex
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any
 from xml.etree import ElementTree
 
@@ -31,12 +30,11 @@ from matplotlib.scale import SymmetricalLogTransform
 
 from curricle.arrays import FloatArray
 from curricle.checks import listed
+from curricle.comparison import sentences
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.errors import SettingError, StoreError, in_words
-from curricle.files import Place, RemotePath, place_at, write_whole
-from curricle.learning.result import GREEDY_RETURN
-from curricle.show import findings
+from curricle.files import Place, place_at, write_whole
 from curricle.show.graph import graphs
 from curricle.show.plots import (
     MOST_BANDS,
@@ -47,14 +45,14 @@ from curricle.show.plots import (
     shown_curve,
 )
 from curricle.show.replay import replays
-from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
+from curricle.show.style import STYLE, ArmStyle, arm_styles, shades_of
 from curricle.statistics.curves import SCRATCH
 from curricle.study.auditing import Audit
-from curricle.study.record import Analysis, SectionRecord, StudyRecord
+from curricle.study.record import Analysis, SectionRecord, StudyRecord, TunedRecord
 from curricle.study.results import StudyResults
-from curricle.study.store import ANALYSIS, in_use
-from curricle.study.tuning import effects_of, short
-from curricle.text import counted, visible
+from curricle.study.tuning import Level, effects_of, short
+from curricle.study_file.vary import value_text
+from curricle.text import counted, minus, rounded, visible
 
 # -- templates -------------------------------------------------------------------------------------
 
@@ -84,7 +82,8 @@ def render(template: str, **values: Any) -> str:
         finalize=_visible,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
-    environment.globals.update(shades=shades_of, asset=asset, digest=_digest, findings=findings)
+    environment.globals.update(shades=shades_of, asset=asset, digest=_digest)
+    environment.globals.update(sentences=sentences, forest=forest)
     # A sentence's negative numbers with a minus sign in place of the hyphen.
     environment.filters["signs"] = partial(re.sub, r"(?<![\w)\]])-(?=\d)", "−")
     environment.filters.update(evidence=_evidence, numbered_seeds=numbered_seeds)
@@ -92,7 +91,7 @@ def render(template: str, **values: Any) -> str:
     return environment.get_template(template).render(values)
 
 
-def _visible(value: Any) -> Any:
+def _visible(value: object) -> Any:
     return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
@@ -115,7 +114,7 @@ def write_page(page: str, path: str | Path) -> Path:
     return Path(path)
 
 
-def _evidence(value: Any) -> str:
+def _evidence(value: object) -> str:
     """Return a number, an interval or a text of a claim's evidence."""
     if isinstance(value, dict) and "estimate" in value:
         ends = [value["low"], value["high"]]
@@ -154,9 +153,14 @@ def write_audit(audit: Audit, path: Path) -> Path:
 
 def default_page(place: Place) -> Path:
     """Return where the report of a folder is written by default."""
-    return place / "report.html" if isinstance(place, Path) else Path(f"{place.name}-report.html")
+    return (
+        place / "report.html"
+        if isinstance(place, Path)
+        else Path(f"{place.name or place.drive}-report.html")
+    )
 
 
+UPLOT = "vendor/uplot-1.6.32.min.js"
 WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 """Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
 
@@ -175,14 +179,14 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
     }
     if analysis is None:
         why = (
-            "The forecast and certificates are left out, because the run has not ended: "
-            "curricle run --resume makes them."
+            "Certificates are left out, because the run has not ended: curricle run --resume makes "
+            "them."
         )
         groups = [arms for arms in curricula.groups() if curricula.arms[arms[0]].transfers]
-        empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
+        empty: Any = {"certificates": (), "left_out": (why,)}
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     styles = arm_styles(comparison)
-    columns = findings.COLUMNS
+    columns = sentences.COLUMNS
     films, not_shown = replays(curricula.only(styles), learnt, analysis)
     # The replay to begin with: the first curriculum in the target.
     in_target = [film for film in films if film.task == comparison.target]
@@ -213,7 +217,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         facts |= {"file": last.file, "started": last.started, "seeds": seed_ranges(study.seeds)}
         facts |= {"commit": last.commit or "none", "Python": last.python, "machine": last.machine}
         facts |= last.versions
-    scripts = ["study.js", "curves.js", *["reload.js"] * bool(banner)]
+    scripts = ["study.js", UPLOT, "curves.js", *["reload.js"] * bool(banner)]
     return render(
         "study.html",
         name=study.record.name,
@@ -228,10 +232,10 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         most_seeds=MOST_SEEDS,
         most_bands=MOST_BANDS,
         kinds={kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)},
-        swept=findings.effects_rows(effects_of(study)),
-        best=findings.tuning_rows(study.record.tuned),
+        swept=effects_rows(effects_of(study)),
+        best=tuning_rows(study.record.tuned),
         tuned=study.record.tuned,
-        sections=findings.forecast_sections(analysis, curricula, learnt),
+        sections=[part for part in analysis.sections if {*part.arms} <= curricula.arms.keys()],
         replays=films,
         menu={film.task: [other for other in films if other.task == film.task] for film in films},
         first=next((film.key for film in [*curricula_first, *films]), ""),
@@ -327,9 +331,9 @@ def curve_data(
     """Return the data for JSON from which the script of a page draws curves."""
     scale, symlog = panels["strong"].yaxis.get_transform(), None
     if isinstance(scale, SymmetricalLogTransform):
-        symlog = [float(scale.linthresh), float(scale.linscale)]
+        symlog = 10.0 ** math.floor(math.log10(scale.linthresh))  # a round number to print
     low, high = panels["strong"].get_ylim()
-    seen = symlog[0] / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
+    seen = symlog / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
     digits = max(0, math.ceil(-math.log10(seen)))
     steps, seeds = comparison.scratch.curve.steps, min(comparison.seeds, MOST_SEEDS)
     # The checkpoints of means that are kept, and those of seeds.
@@ -339,39 +343,34 @@ def curve_data(
     most = max(2, MOST_SEED_VALUES // (seeds * len(styles)))
     kept_of_seeds = places(len(steps), min(most, MOST_CHECKPOINTS))
 
-    def row(values: FloatArray) -> Any:
-        """Return the first number, then the difference of each from the number before."""
-        known, differences = ~np.isnan(values), np.full(len(values), None)
-        whole = np.round(values[known] * 10**digits).astype(np.int64)
-        differences[known] = np.diff(whole, prepend=0).tolist()
-        return differences.tolist()
+    def row(values: FloatArray) -> list[float | None]:
+        """Return rounded numbers; None for NaN."""
+        return [None if np.isnan(value) else round(value, digits) for value in values.tolist()]
 
-    def band(name: str, panel: str) -> dict[str, Any]:
+    def band(name: str, panel: str) -> dict[str, list[float | None]]:
+        """Return the bounds and the mean at the kept checkpoints, None before they begin."""
         curve, begin = shown_curve(comparison, name, strong=panel == "strong")
         inside = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
         mean = comparison.interval(curve.filled()[:, inside - begin])
-        return {
-            "first": int(np.searchsorted(kept, begin)),
-            **{end: row(np.asarray(getattr(mean, end))) for end in ("low", "high")},
-            "mean": row(np.asarray(mean.estimate)),
-        }
+        before = np.full(int(np.searchsorted(kept, begin)), np.nan)
+        rows = {"low": mean.low, "high": mean.high, "mean": mean.estimate}
+        return {part: row(np.append(before, values)) for part, values in rows.items()}
 
     return {
         "digits": digits,
-        "unit": GREEDY_RETURN,
         "most_bands": MOST_BANDS,
         "threshold": comparison.threshold,
         "threshold_words": minus(f"{comparison.threshold:.4g}"),
         "random": random_level(comparison),  # the return while sources are trained
         "symlog": symlog,
-        "panels": {k: {"x": [*a.get_xlim()], "y": [*a.get_ylim()]} for k, a in panels.items()},
-        "steps": np.diff(steps[kept], prepend=0).tolist(),
-        "seed_steps": np.diff(steps[kept_of_seeds], prepend=0).tolist(),
+        "heights": [low, high],
+        "steps": steps[kept].tolist(),
+        "seed_steps": steps[kept_of_seeds].tolist(),
         "arms": [
             {
                 "name": name,
                 "colour": style.colour,
-                "dashes": style.svg_dashes,
+                "dashes": [float(dash) for dash in style.svg_dashes.split()],
                 "control": style.control,
                 **{panel: band(name, panel) for panel in panels},
                 "source_steps": comparison[name].curve.source_steps[:seeds].tolist(),
@@ -384,107 +383,46 @@ def curve_data(
 
 # -- while units are stored ------------------------------------------------------------------------
 
-BETWEEN, BETWEEN_AT_URL = 2.0, 10.0  # seconds between two interim reports at least
+BETWEEN = 2.0  # seconds between two interim reports at least
 REST = 10.0  # after an interim report that took t seconds no other is begun for REST * t
-ATTEMPTS = 3  # a file that a listing names may have been merged into another before it is read
-NO_LONGER = "The command that followed the run was ended; the run goes on by itself."
 
 
 class InterimReport:
-    """Writes the report of a folder anew as a run elsewhere stores units, until it is over."""
+    """The report of a run, which that run writes anew as it stores units."""
 
-    def __init__(
-        self,
-        folder: str | Place,
-        line: Callable[[int, int], str],  # how far it is, from the stored units and all units
-        say: Callable[[str], Any],  # told why the page cannot be written, once with the same
-        opened: Callable[[Path], Any],  # called when the page is there
-        path: Path,
-    ):
-        self.folder, self.path, self.over = place_at(folder), path, False
-        self._line, self._say, self._opened = line, say, opened
-        self._between = BETWEEN_AT_URL if isinstance(self.folder, RemotePath) else BETWEEN
-        self._place = token_hex(16)  # of the banner in the page
-        self._page, self._was_running, self._said = "", False, set[str]()
-        self._seen: Any = None
+    def __init__(self, folder: str | Place, path: Path, say: Callable[[str], Any]):
+        self.folder, self.path = place_at(folder), path
+        self._say, self._said = say, set[str]()  # told why the page is old, once with the same
+        self._pause, self._due = BETWEEN, 0.0
 
-    def watch(self) -> None:
-        """Write the page until the run is over; StoreError if the last page cannot be written."""
-        try:
-            pause = self.refresh()
-            while not self.over:
-                sleep(pause)
-                pause = self.refresh()
-        except KeyboardInterrupt:
-            if self._page:
-                self._write(NO_LONGER, 0)
-            raise
-
-    def refresh(self) -> float:
-        """Write the page if something is new; return the least seconds until the next refresh."""
+    def refresh(self, so_far: str, *, over: bool = False) -> None:
+        """Write the page if one is due, with a line on how far the run is; no error stops a run."""
         begun = monotonic()
-        for attempt in range(ATTEMPTS):
-            try:
-                self._read(begun)
-                break
-            except Exception as error:  # whatever it is, the run goes on
-                text = " ".join(in_words(error).split())
-                sentence = f"the page of the run is not up to date. {text}"
-                if attempt == ATTEMPTS - 1 and self.over:
-                    raise StoreError(sentence) from error
-                if attempt == ATTEMPTS - 1 and sentence not in self._said:
-                    self._said.add(sentence)
-                    self._say(sentence)
-        return max(self._between, REST * (monotonic() - begun))
-
-    def _read(self, begun: float) -> None:
-        """Read the folder, and write the page if something is new or the run is over."""
-        study = StudyResults(self.folder)
-        per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
-        seeds, keys, kept = study.record.seeds, set(study.record.keys.values()), study.stored
-        # A unit is stored when all its seeds are.
-        missing = {(k, s // per_unit) for k in keys for s in seeds if s not in kept.get(k, {})}
-        units = len(keys) * len({seed // per_unit for seed in seeds})
-        stored_units, running = units - len(missing), in_use(self.folder)
-        self.over = over = self._ended(study, not missing, running)
-        stored = {key: len(done) for key, done in kept.items()}
-        seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
-        if seen == self._seen and not over:
+        if begun < self._due and not over:
             return
+        try:
+            self._write(so_far, 0.0 if over else self._pause)
+        except Exception as error:
+            sentence = f"the page of the run is not up to date. {' '.join(in_words(error).split())}"
+            if sentence not in self._said:
+                self._said.add(sentence)
+                self._say(sentence)
+        self._pause = max(BETWEEN, REST * (monotonic() - begun))
+        self._due = monotonic() + self._pause
+
+    def _write(self, so_far: str, seconds: float) -> None:
+        """Write the page, which a browser reads again after some seconds, unless these are 0."""
+        study = StudyResults(self.folder)
         arms = arms_so_far(study)
-        if over and stored_units == units and arms:
-            page = page_of(study)
-        elif arms:
-            part = StudyResults(study.store, study.record.only({*arms, *study.failed}))
-            page = page_of(part, self._place)
-        else:
-            page = render("waiting.html", name=study.record.name, banner=self._place)
-        if over:
-            sentence = f"The run is over: {stored_units:,} of {counted(units, 'unit')} are stored."
-        else:
-            idle = " No process is at work now." * (running is False)
-            sentence = f"{self._line(stored_units, units)}.{idle}"
-        is_first, self._page = not self._page, page
-        remark = _remark(study.record, study.failed, arms)
-        pause = max(self._between, REST * (monotonic() - begun))
-        self._write(f"{sentence} {remark}", 0 if over else pause)
-        self._seen = seen
-        if is_first:
-            self._opened(self.path)
-
-    def _ended(self, study: StudyResults, whole: bool, running: bool | None) -> bool:
-        """Return whether another process's run is over: its lock is gone, or all is stored."""
-        self._was_running |= running is True
-        let_go = self._was_running and running is False
-        done = whole or bool(study.failed and running is False)
-        return let_go or (
-            done and not running and (study.store.has(ANALYSIS) or not study.has_baseline)
-        )
-
-    def _write(self, sentence: str, seconds: float) -> None:
+        sentence = f"{so_far}. {_remark(study.record, study.failed, arms)}"
         time, seconds = f"{datetime.now():%X}", round(seconds, 1)
-        banner = render("banner.html", sentence=sentence, time=time, seconds=seconds)
-        write_page(self._page.replace(self._place, banner), self.path)
+        banner = Markup(render("banner.html", sentence=sentence, time=time, seconds=seconds))
+        if arms:
+            part = StudyResults(study.store, study.record.only({*arms, *study.failed}))
+            page = page_of(part, banner)
+        else:
+            page = render("waiting.html", name=study.record.name, banner=banner)
+        write_page(page, self.path)
 
 
 def arms_so_far(study: StudyResults) -> list[str]:
@@ -526,3 +464,53 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
     later = [arm for arm in record.arms if arm not in {*arms, *failed}]
     come = f" is of {listed(arms)}; to come: {listed(later)}" if later else " is of all arms"
     return f"The report so far{come}. There is no verdict before all seeds are there."
+
+
+# -- gains on one axis; what was swept or tuned: what was best, main effects -----------------------
+
+
+def forest(answers: Sequence[sentences.Finding]) -> tuple[float, dict[str, list[float]]]:
+    """Return the positions of 0 and each gain's low, estimate and high, in percent of an axis."""
+    gains = [finding.gain for finding in answers]
+    low, middle, high = np.array([(g.low, g.estimate, g.high) for g in gains], float).T
+    # One seed has no interval.
+    ends = np.stack([np.where(np.isnan(low), middle, low), middle, np.fmax(middle, high)], axis=1)
+    least = min(0.0, float(ends.min()))
+    width = (max(0.0, float(ends.max())) - least) or 1.0
+    percent = (100 * (ends - least) / width).tolist()
+    arms = [finding.arm for finding in answers]
+    return 100 * (0.0 - least) / width, dict(zip(arms, percent, strict=True))
+
+
+Texts = list[tuple[str, ...]]
+
+
+def effects_rows(effects: Sequence[Level]) -> Texts:
+    """Return the rows of the table of a sweep."""
+    rows: Texts = []
+    for name, key, text, number, *ends in effects:
+        mean, low, high = (minus(short(end)) for end in ends)
+        both = "" if np.isnan(ends[1]) else Markup("<small>[{}, {}]</small>").format(low, high)
+        with_ends = Markup("{}{}").format(mean, both)
+        rows.append((name, key, text, f"{number}", with_ends))
+    return rows
+
+
+def tuning_rows(tuned: TunedRecord | None) -> list[Sequence[str]]:
+    """Return the heads and the rows of the table of the best trials; none without a tuning."""
+    if tuned is None:
+        return []
+    keys = dict.fromkeys(key for arm in tuned.arms.values() for key in arm.values)
+    rows: list[Sequence[str]] = [("best of", "trials", "tuning steps", "mean return", *keys)]
+    for name, arm in tuned.arms.items():
+        spent = f"{arm.trials}", f"{tuned.steps(name):,}"
+        rows.append((name, *spent, *map(_value, (arm.score, *map(arm.values.get, keys)))))
+    return rows
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return minus(f"{value:,}")
+    return minus(short(value)) if isinstance(value, float) else value_text(value)

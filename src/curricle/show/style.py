@@ -1,4 +1,4 @@
-"""One style for all figures: colours, how arms look, numbers as text, axes."""
+"""One style for all figures: colours, how arms look, axes."""
 
 import io
 import math
@@ -16,11 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from curricle.comparison.comparison import Comparison
-from curricle.display import COLOURS as PALETTE, OWN_COLOURS
-from curricle.statistics.intervals import Interval
+from curricle.pictures.scenes import COLOURS as PALETTE
+from curricle.text import minus
 
 COLOURS = PALETTE
 """The palette of Okabe and Ito, which colour-blind readers can tell apart: name -> colour."""
+OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")  # of curricula
 STYLE: Any = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -117,26 +118,6 @@ def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
     return styles
 
 
-# -- numbers as text -------------------------------------------------------------------------------
-
-
-def minus(number: str) -> str:
-    """Return a printed number with a minus sign in place of the hyphen."""
-    return number.replace("-", "−")
-
-
-def rounded(number: float) -> str:
-    """Return a number in three significant digits, trailing zeros too, or as a whole number."""
-    if number == 0:
-        return "0"
-    return minus(f"{number:,.0f}" if abs(number) >= 99.95 else f"{number:#.3g}")
-
-
-def without_seeds(interval: Interval) -> str:
-    """Return an interval as text, without its number of seeds."""
-    return minus(str(interval).rsplit(",", 1)[0])
-
-
 # -- figures and the text around them --------------------------------------------------------------
 
 
@@ -201,7 +182,7 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
     small = max(small, SMALLEST * large)
     decades = math.log10(large / small) if large else 0.0
     # From an end that is 0, such as the lowest possible return, decades cannot be counted.
-    logarithmic = low * high != 0 and decades > (MIXED if low < 0 < high else DECADES)
+    logarithmic = bool(low * high != 0 and decades > (MIXED if low < 0 < high else DECADES))
     axis.set_label_text(label + "\n(symlog scale)" * logarithmic)
     name = "x" if axis is axes.xaxis else "y"
     set_scale, set_limits = (getattr(axes, f"set_{name}{part}") for part in ("scale", "lim"))

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import number, numbers
-from curricle.display import printed
 from curricle.errors import SettingError
 from curricle.statistics.intervals import (
     CONFIDENCE,
@@ -22,7 +21,7 @@ from curricle.statistics.intervals import (
     check_each,
     mean_interval,
 )
-from curricle.text import brief_repr
+from curricle.text import brief_repr, printed
 
 SCRATCH = "scratch"  # the arm that learns the target alone, with which others are compared
 ROUNDING = 1e-7  # relative difference that rounding causes between two exact mean returns

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +15,8 @@ from scipy.special import stdtrit
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, frozen as frozen_array
 from curricle.checks import number, numbers
-from curricle.display import Line, printed
 from curricle.errors import SettingError
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr, counted, printed
 
 CONFIDENCE = 0.95  # nominal coverage of an interval by default
 ROUNDING = 1e-12  # share of the largest value by which rounding can make equal values differ
@@ -204,7 +202,7 @@ def _seeds(values: npt.ArrayLike) -> FloatArray:
 
 
 def _student(
-    array: FloatArray, estimate: Any, spread: FloatArray, n: int, confidence: float
+    array: FloatArray, estimate: object, spread: FloatArray, n: int, confidence: float
 ) -> Interval:
     """Return estimate +- t spread / sqrt(n), without bounds where all K values are equal."""
     check_confidence(confidence)
@@ -236,18 +234,3 @@ def _triple(numbers: FloatArray) -> str:
         if low != high or not numbers[1] < numbers[2]:
             break
     return estimate if np.isnan(numbers[1:]).all() else f"{estimate} [{low}, {high}]"
-
-
-def seed_line(
-    name: str,
-    steps: Any,
-    values: FloatArray,
-    colour: str = "currentColor",
-    *,
-    dashed: bool = False,
-    within: tuple[float, float],
-) -> Line:
-    """Return the mean over seeds of returns, (K, T) at steps (T,), with Student's interval."""
-    band = mean_interval(np.asarray(values, np.float64)).within(within)
-    mean, low, high = map(np.asarray, (band.estimate, band.low, band.high))
-    return Line(name, steps, mean, low, high, colour, dashed)

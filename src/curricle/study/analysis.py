@@ -1,4 +1,4 @@
-"""The parts of a study's results that need its tasks: record, forecasts, certificates, episodes."""
+"""The parts of a study's results that need its tasks: record, certificates, episodes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -8,8 +8,7 @@ import numpy as np
 
 from curricle.arrays import frozen
 from curricle.certificate.certification import certify
-from curricle.comparison.comparison import STATED, Reference
-from curricle.comparison.forecasting import forecast
+from curricle.comparison.measures import STATED, Reference
 from curricle.comparison.plan import PlannedArm
 from curricle.comparison.task_differences import task_summary
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
@@ -19,34 +18,32 @@ from curricle.errors import CurricleError, StoreError
 from curricle.files import short_digest
 from curricle.learning.record import Snapshots
 from curricle.learning.tabular_policy import TabularPolicy
-from curricle.planning.episode import OF_TASKS, Drawn, Episode
+from curricle.pictures.episode import OF_TASKS, Drawn, Episode
+from curricle.pictures.scenes import scene_of_view
+from curricle.pictures.views import GridView
 from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
-from curricle.show.scenes import scene_of_view
-from curricle.show.views import GridView
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.record import (
     LONGEST_EPISODE,
+    OF_CONFIGURATION,
     Analysis,
     ArmRecord,
     CertificateRecord,
     CurriculaRecord,
     EpisodePair,
     EpisodeRecord,
-    ForecastRecord,
     NodeRecord,
-    RowRecord,
     SectionRecord,
     StudyRecord,
     TaskRecord,
     TransferRecord,
-    VariantRecord,
     ViewRecord,
 )
 from curricle.study.results import StudyResults
-from curricle.study.store import ANALYSIS, seeds_per_file
+from curricle.study.store import ANALYSIS
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task, plain_text
@@ -58,20 +55,18 @@ from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
-    curricula = curricula_record(arms.arms, study.variants or {})
+    curricula = curricula_record(arms.arms)
     reference = Reference(study.threshold, STATED)
     if arms.total is not None and SCRATCH in arms.curricula:
         reference = Reference.before(arms.target_node, study.threshold)
-    of_study = ("name", "seeds", "window", "snapshots", "tuned", "chosen")
-    fields = {name: getattr(study, name) for name in of_study}
+    fields = {name: getattr(study, name) for name in OF_CONFIGURATION}
+    fields["variants"] = study.variants or {}
     fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
     problem = task_summary(arms.target_node.task)
     return StudyRecord(**dict(curricula), problem=problem, reference=reference, **fields)
 
 
-def curricula_record(
-    planned: Mapping[str, PlannedArm], variants: Mapping[str, VariantRecord]
-) -> CurriculaRecord:
+def curricula_record(planned: Mapping[str, PlannedArm]) -> CurriculaRecord:
     """Return the record of arms by name, with the keys of their stored results, if any."""
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for label, arm in planned.items():
@@ -85,22 +80,18 @@ def curricula_record(
                 key=arm.keys.get(name, ""),
                 settings={w: _setting_text(curriculum.setting(w, name)) for w in settings},
                 aggregate=_aggregate(curriculum, name, "a custom aggregate") if several else None,
-                seeds_per_file=seeds_per_file(node),
             )
         transfers = list[TransferRecord]()
         for edge in curriculum.transfers:
             number = _number(edge, edges, same_transfer)
             ends = {"source": edge.source, "target": edge.target}
             transfers.append(TransferRecord(**ends, words=transfer_words(edge), number=number))
-        calibration = ", calibrated" * (curriculum.calibration(curriculum.target) is not None)
         arms[label] = ArmRecord(
             nodes=nodes,
             transfers=tuple(transfers),
-            potential=_aggregate(curriculum, curriculum.target, "") + calibration,
             scratch=arm.scratch,
             control_of=arm.of,
             depends_on_total=_depends_on_total(curriculum),
-            variant=variants.get(label),
             knows_target=any(map(curriculum.knows_target, curriculum.last_tasks)),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
@@ -129,7 +120,7 @@ def _task(task: Any) -> TaskRecord:
     )
 
 
-def _setting_text(value: Any) -> str:
+def _setting_text(value: object) -> str:
     """Return a setting as text: functions by name, numbers with commas."""
     if value is None:
         return "default"
@@ -148,8 +139,6 @@ def _depends_on_total(curriculum: Curriculum) -> str:
     """Return why every step of learning a target depends on the budget; empty if it does not."""
     target = curriculum.target
     learner, shaping = (curriculum.setting(which, target) for which in ("learner", "shaping"))
-    if curriculum.calibration(target) is not None:
-        return "its calibration may take a share of the total"
     if isinstance(learner, DeepLearner) and learner.scheduled:
         return f"a schedule of {learner.algorithm} runs over the total"
     guided = isinstance(shaping, PolicyReuse) and "buffer_size" in learner.takes
@@ -158,10 +147,8 @@ def _depends_on_total(curriculum: Curriculum) -> str:
     return ""
 
 
-# -- Forecasts, certificates and episodes, which need the tasks; stored when a run ends ------------
+# -- Certificates and episodes, which need the tasks; stored when a run ends -----------------------
 
-EFFORT = 800_000  # most target pairs x forecasts x seeds: about ten seconds
-MOST_SEEDS = 3  # seeds of a forecast
 LARGEST_CERTIFIED = 20_000_000  # target pairs up to which a potential is certified
 LARGEST_TABLE = 20_000_000  # pairs (S x A) of a task up to which its episodes are kept
 
@@ -169,7 +156,7 @@ LARGEST_TABLE = 20_000_000  # pairs (S x A) of a task up to which its episodes a
 def analyse(study: StudyResults, arms: Arms) -> None:
     """Write the analysis of a study whose arms are compared, unless it is stored.
 
-    It covers the first seeds that every arm has finished.
+    It covers the first seed that every arm has finished.
     """
     curricula = {
         arm: curriculum
@@ -178,7 +165,7 @@ def analyse(study: StudyResults, arms: Arms) -> None:
     }
     if not study.seeds or arms.total is None or SCRATCH not in curricula:
         return
-    seeds = study.seeds[:MOST_SEEDS]
+    seeds = study.seeds[:1]
     keys = sorted(item for item in study.record.keys.items() if item[0][0] in curricula)
     of = short_digest(repr((keys, seeds)).encode())
     written = study.analysis  # reads the file
@@ -200,7 +187,7 @@ def analysed(
 ) -> Analysis:
     """Return the analysis of trained curricula by arm; `of` is a digest of their results."""
     groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
-    sections = tuple(_section(arms, results, len(groups)) for arms in groups)
+    sections = tuple(_section(arms, results) for arms in groups)
     episodes: dict[str, dict[str, EpisodePair]] = {}
     for arm, result in results.items():
         for name, node in result.nodes.items():
@@ -240,92 +227,44 @@ def before_and_after(
     return EpisodePair(before=episodes[0], after=episodes[1])
 
 
-def _section(
-    arms: tuple[str, ...], results: Mapping[str, CurriculumResult], n_groups: int
-) -> SectionRecord:
+def _section(arms: tuple[str, ...], results: Mapping[str, CurriculumResult]) -> SectionRecord:
     target = results[arms[0]].curriculum.target
-    seeds, certified, left_out = _extent(arms, results, target, n_groups)
-    record: ForecastRecord | None = None
-    certificates = dict[str, CertificateRecord]()
+    certificates, left_out = dict[str, CertificateRecord](), _not_certified(arms, results, target)
     try:
-        record = _forecast(arms, results, target, seeds) if seeds else None
-        for arm in arms if certified else ():
-            curriculum, seed = results[arm].curriculum, results[arm][target].seeds[:1]
+        for arm in () if left_out else arms:
+            curriculum = results[arm].curriculum
             sources = {name: source.first(1) for name, source in results[arm].sources.items()}
-            (phi,), _ = curriculum.entering(target, sources, seed)
+            (phi,) = curriculum.potentials(target, sources)
             shaping = curriculum.setting("shaping", target).with_potential(phi)
             certificate = certify(curriculum.tasks[target], shaping)
             text, holds = str(certificate), certificate.holds
             alike = certificates[text].arms if text in certificates else ()
             certificates[text] = CertificateRecord(arms=(*alike, arm), holds=holds, text=text)
-    except CurricleError as error:  # the results are valid without the forecast
-        left_out.append(f"What is missing here is left out: {error}")
-    return SectionRecord(
-        arms=arms,
-        forecast=record,
-        certificates=tuple(certificates.values()),
-        left_out=tuple(left_out),
-    )
+    except CurricleError as error:  # the results are valid without certificates
+        left_out = f"What is missing here is left out: {error}"
+    left = (left_out,) if left_out else ()
+    return SectionRecord(arms=arms, certificates=tuple(certificates.values()), left_out=left)
 
 
-def _extent(
-    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, n_groups: int
-) -> tuple[int, bool, list[str]]:
-    """Return the forecast's number of seeds, whether to certify, and sentences on omitted parts."""
-    first, values = results[arms[0]], dict[str, list[Any]]()
-    for arm in arms:
-        edges = results[arm].curriculum.in_edges(target)
-        values[arm] = [results[arm].sources[edge.source].values for edge in edges]
-    if is_observation_task(first.curriculum.tasks[target]):
-        left_out = [
+def _not_certified(
+    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str
+) -> str:
+    """Return a sentence on why arms get no certificates; empty if they get them."""
+    task = results[arms[0]].curriculum.tasks[target]
+    if is_observation_task(task):
+        return (
             f"Certificates are left out, because {target} is seen through observations: they need "
             "numbered states."
-        ]
-        readable = all(of_source is not None for of_source in values[arms[0]])
-        if not readable:
-            left_out.append(
-                "The forecast is left out, because the sources' values were not kept, or their "
-                'networks cannot be read here: pip install "curricle[deep]".'
-            )
-        return int(readable), False, left_out
-    space = generative_model(first.curriculum.tasks[target])
-    pairs = space.states.size * space.actions.size
-    kept = all(isinstance(table, np.ndarray) for of_arm in values.values() for table in of_arm)
-    seeds = kept * min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(first[target].seeds))
-    certified = kept and pairs <= LARGEST_CERTIFIED
-    why = f"{target} has {pairs:,} state-action pairs"
-    why += f" and there are {n_groups} graphs" * (n_groups > 1)
-    why = why if kept else "the sources' values were not kept in dense tables"
-    lacking = [
-        f"{part} left out, because {why}: curricle.{call}."
-        for part, call, there in (
-            ("The forecast is", "forecast(curriculum) gives it", seeds),
-            ("Certificates are", "certify(task, shaping) gives them", certified),
         )
-        if not there
-    ]
-    return seeds, certified, lacking
-
-
-def _forecast(
-    arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, seeds: int
-) -> ForecastRecord:
-    first = results[arms[0]]
-    sources = first.curriculum.ancestors(target)
-    foreseen = forecast(
-        first.curriculum,
-        seeds=first[target].seeds[:seeds],
-        aggregates=[results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]],
-        trained={name: first.sources[name].first(seeds) for name in sources},
-        trial=False,  # the experiment itself has been run
-    )
-    rows = list[RowRecord]()
-    for row in foreseen.rows:
-        means: dict[str, Any] = {name: row.mean(name) for name in ("start", "optimistic")}
-        same = RowRecord.model_fields.keys() - means.keys()
-        rows.append(RowRecord(**means, **{name: getattr(row, name) for name in same}))
-    same = ForecastRecord.model_fields.keys() - {"rows"}
-    return ForecastRecord(rows=tuple(rows), **{name: getattr(foreseen, name) for name in same})
+    edges = {arm: results[arm].curriculum.in_edges(target) for arm in arms}
+    tables = (results[arm].sources[edge.source].values for arm in arms for edge in edges[arm])
+    space = generative_model(task)
+    pairs = space.states.size * space.actions.size
+    why = f"{target} has {pairs:,} state-action pairs" * (pairs > LARGEST_CERTIFIED)
+    if not all(isinstance(table, np.ndarray) for table in tables):
+        why = "the sources' values were not kept in dense tables"
+    calls = "curricle.certify(task, shaping) gives them"
+    return f"Certificates are left out, because {why}: {calls}." if why else ""
 
 
 # -- Episodes of learnt policies: read from a study's folder, or played in the task ----------------

@@ -9,8 +9,6 @@ from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-import numpy as np
-
 from curricle.comparison.controls import check_fit, is_shuffled
 from curricle.comparison.opponents import CONSTANTS
 from curricle.comparison.plan import (
@@ -25,13 +23,12 @@ from curricle.comparison.plan import (
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
 from curricle.curriculum.result import SourceValues, source_values
 from curricle.errors import ConfigError, ForeignError, SettingError
-from curricle.files import Place, short_digest
+from curricle.files import short_digest
 from curricle.learning.result import arrays_of
-from curricle.learning.stopping import ended_by
 from curricle.learning.storage import Storage
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
-from curricle.study.store import DecisionRow, StoredUnit, UnitResult, differences, shown
+from curricle.study.store import DecisionRow, UnitContent, differences, shown
 from curricle.study_file.own_code import code_of
 from curricle.study_file.schema import NameGraph
 from curricle.study_file.vary import target_alone
@@ -134,7 +131,11 @@ class Arms(Plan):
 
     @classmethod
     def of(cls, study: StudyConfig) -> Self:
-        """Return a study's arms; SettingError or CurriculumError if they cannot be compared."""
+        """Return a study's arms, made once; an error says why they cannot be compared."""
+        return study.once("arms", lambda: cls._of(study))
+
+    @classmethod
+    def _of(cls, study: StudyConfig) -> Self:
         scratches = study.scratch_curricula() if study.scratch else {}
         controls = study.controls or ()
         if controls and not (scratches and study.compared):
@@ -151,7 +152,7 @@ class Arms(Plan):
             check_comparable(study.curricula, None if study.own_learners else learners)
             if scratches:
                 check_evaluated(next(iter(scratches.values())))
-        plain = study.to_data()
+        plain = study.data
         target = next(iter(study.curricula.values())).target
         data = {**scratch_data(plain, target), **plain["arms"]}
 
@@ -165,8 +166,9 @@ class Arms(Plan):
                 if change and (shuffled or task == target):
                     depends = {**depends, "control": change}
                     if change in CONSTANTS:  # constants have their own shaping
-                        plain = {k: v for k, v in depends["task"].items() if k != "shaping"}
-                        depends["task"] = plain
+                        depends["task"] = {
+                            k: v for k, v in depends["task"].items() if k != "shaping"
+                        }
                     key = key_of(depends)
                 keys[task], dependencies[task] = key, depends
             return keys, dependencies
@@ -224,23 +226,20 @@ def arms_from_json(config: str, folder: str, code: str) -> Arms:
 class UnitInput(NamedTuple):
     """Everything on which a unit depends, as plain data that can be sent to any machine."""
 
-    config: str  # JSON of `StudyConfig.to_data`
+    config: str  # JSON of `StudyConfig.data`
     folder: str  # of the study's own modules
     code: str  # JSON of Arms.code, since modules must not change during a run
     unit: Unit
     sources: Mapping[str, SourceValues]  # without their tasks
-    checkpoints: Place | None = None  # a killed unit resumes from them, with the same result
-    # Units of sources that the worker reads from the study's folder, and whether it needs values.
-    stored: Mapping[str, tuple[Mapping[int, StoredUnit], bool]] = {}
-    place: Place | None = None  # the study's folder if the worker writes the result there
+    arms: Arms | None = None  # the plan itself, which only threads get
     files: Mapping[str, bytes] = {}  # the user's modules by path, for machines without `folder`
     versions: Mapping[str, str] = {}  # the run's versions, which every worker must have
     serial: bool = False  # whether a process must train one unit at a time
 
 
-def train_unit(sent: UnitInput) -> UnitResult:
-    """Train a unit and return its results, which do not depend on the `checkpoints`."""
-    arms = arms_from_json(sent.config, sent.folder, sent.code)
+def train_unit(sent: UnitInput) -> UnitContent:
+    """Train a unit and return its results."""
+    arms = sent.arms or arms_from_json(sent.config, sent.folder, sent.code)
     unit = sent.unit
     arm = arms.arms[unit.arm]
     storage: Storage = arm.curriculum.setting("storage", unit.task)
@@ -252,33 +251,30 @@ def train_unit(sent: UnitInput) -> UnitResult:
     sources = source_values(arm.curriculum, sent.sources)
     charge = arms.total is not None
     try:
-        trained = train(arm, unit, sources, charge=charge, workers=1, saves=sent.checkpoints)
+        trained = train(arm, unit, sources, charge=charge, workers=1)
     except SystemExit as error:  # would end the run, with exit code 0, instead of this unit
         raise ForeignError(f"the study's own code called sys.exit({error.code})") from error
     arrays = arrays_of(trained.result)
     arrays["source_steps"] = trained.source_steps
-    if trained.calibrations:
-        for part in ("scale", "refusal"):
-            arrays[part] = np.array([getattr(fit, part) for fit in trained.calibrations])
     if trained.initial_values is not None:
         arrays["initial_values"] = trained.initial_values
-    return UnitResult(arrays, _decisions(trained, arm.curriculum, unit))
+    return UnitContent(arrays, _decisions(trained, arm.curriculum, unit))
 
 
 def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[DecisionRow]:
     """Return a row for each decision of the stopping rule; without a rule a row for each seed."""
-    result, budget = trained.result, curriculum.setting("budget", unit.task)
+    result = trained.result
     rows = list[DecisionRow]()
     for k, decisions in enumerate(curriculum.node(unit.task).decisions(result)):
         place = unit.task, unit.seeds[k]
         for decision in decisions:
-            ends, kernel = decision.spent or decision.ends, decision.kernel
+            kernel, why = decision.kernel, decision.criterion
             numbers = decision.lowest, kernel.level, decision.share, kernel.settled
-            why = decision.criterion
-            rows.append(DecisionRow(*place, decision.step, ends, why, *numbers, str(decision)))
+            step, ended = decision.step, decision.ended
+            rows.append(DecisionRow(*place, step, ended, why, *numbers, str(decision)))
         if not decisions:
             used = int(result.steps_used[k])
-            why = ended_by(budget, bool(result.out_of_memory[k]))
+            why = str(result.ended_by[k])
             reason = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
             rows.append(DecisionRow(*place, used, True, why, nan, nan, nan, nan, reason))
     return rows

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from curricle.checks import listed, whole_number
-from curricle.comparison.comparison import short
 from curricle.comparison.opponents import OPPONENTS, starts_anywhere
+from curricle.comparison.sentences import short
 from curricle.errors import ConfigError, SettingError
 from curricle.planning.solution import evaluate, solve
 from curricle.statistics.curves import SCRATCH
@@ -87,7 +87,7 @@ def _measures(results: StudyResults, arm: str) -> dict[str, str]:
     }
 
 
-def levels(task: Any, stated: Sequence[float] = ()) -> dict[str, float] | None:
+def levels(task: object, stated: Sequence[float] = ()) -> dict[str, float] | None:
     """Return the range of the levels of Q that are tried; None for a task that is not solved."""
     # From the random policy's value, or the lowest optimal value, to the highest optimal value; 0
     # and the levels that the file states are in it.

@@ -6,6 +6,7 @@ complete arms (:class:`StudyConfig`), which is what is run, stored and hashed in
 
 import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache, cached_property, wraps
 from graphlib import CycleError, TopologicalSorter
@@ -24,15 +25,14 @@ from pydantic import (
     model_validator,
 )
 
+from curricle.candidates.candidates import candidate_named
 from curricle.checks import listed, unfit_name
+from curricle.comparison.choice import FIRST_SEED
 from curricle.comparison.comparison import compare as compare_curricula
 from curricle.comparison.controls import Control
 from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.comparison.opponents import OPPONENTS, Opponent, from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
-from curricle.design.candidates import candidate_named
-from curricle.design.choice import FIRST_SEED
-from curricle.display import printed
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.files import results_folder
 from curricle.learning.stopping import limits, spacing
@@ -70,7 +70,7 @@ from curricle.study_file.schema import (
     unknown,
     wrong_at,
 )
-from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
+from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTask, started
 from curricle.study_file.vary import (
     SWEEP_HOME,
     SweepTable,
@@ -79,10 +79,11 @@ from curricle.study_file.vary import (
     wrong_sweep,
     wrong_tuning,
 )
-from curricle.text import counted, shortened
+from curricle.text import counted, printed, shortened
 from curricle.transfer.by_components import member_mappings
 
 ONLY_ARM = "transfer"  # the name of the arm of a study without arms
+Made = TypeVar("Made")
 Messages = Iterator[tuple[KeyPath, str]]  # key path and text of each mistake
 
 # -- The tables of a study: as written in a file, and with all settings filled in ------------------
@@ -176,8 +177,6 @@ class ArmPatch(Settings):
 class FileTable(RunTable, Settings):
     """A study as written in a file."""
 
-    families: dict[str, FamilyTable] = Field({})
-    """Families of tasks by name, each with defaults of its own."""
     tasks: dict[str, Annotated[AnyTask, Unvalidated]] = Field(min_length=1)
     """The tasks by name, each with settings of its own."""
     transfers: tuple[TransferTable, ...] = ()
@@ -303,6 +302,7 @@ class StudyConfig(RunTable):
     _folder: Path = PrivateAttr(default=Path())
     _positions: Positions = PrivateAttr(default=Positions(""))
     _made: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _once: dict[str, Any] = PrivateAttr(default_factory=dict)
     _say: Callable[[str], Any] = PrivateAttr(default=print)
 
     @classmethod
@@ -319,19 +319,29 @@ class StudyConfig(RunTable):
         `folder` holds the user's modules, messages use `positions`, and `say` is called with lines
         about found mappings. Raises pydantic.ValidationError.
         """
-        families = tuple(table(positions.study.get("families"))) if positions else ()
-        context = {"folder": folder, "families": families}
-        config = cls.model_validate(dict(data), context=context)
+        config = cls.model_validate(dict(data), context={"folder": folder})
         config._folder, config._say = folder, say
         config._positions = positions or Positions(config.name)
         return config
 
-    def to_data(self) -> dict[str, Any]:
-        """Return the configuration as plain data for JSON, with maps and every setting."""
+    @cached_property
+    def data(self) -> dict[str, Any]:
+        """The configuration as plain data, as :meth:`to_data` returns it; only to be read."""
         return self.model_dump(mode="json", exclude_none=True)
 
+    def to_data(self) -> dict[str, Any]:
+        """Return the configuration as plain data for JSON, with maps and every setting."""
+        return deepcopy(self.data)
+
+    def once(self, name: str, make: Callable[[], Made]) -> Made:
+        """Return what `make` returns, made once for this study."""
+        if name not in self._once:
+            self._once[name] = make()
+        made: Made = self._once[name]
+        return made
+
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, StudyConfig) and self.to_data() == other.to_data()
+        return isinstance(other, StudyConfig) and self.data == other.data
 
     def __repr__(self) -> str:
         seeds, arms = counted(len(self.seeds), "seed"), listed(self.arms)
@@ -418,7 +428,7 @@ class StudyConfig(RunTable):
 
     def varied(self, **fields: Any) -> Self:
         """Return the study with other `fields`, plain data; ConfigError names an invalid field."""
-        data = {**self.to_data(), **fields}
+        data = {**self.data, **fields}
         try:
             made = self.from_data(data, self._folder, self._positions, say=self._say)
         except ValidationError as error:
@@ -428,9 +438,10 @@ class StudyConfig(RunTable):
         made._made = self._made
         return made
 
-    def of_trials(self) -> Self:
-        """Return the study whose arms are the trials of this study's tuning."""
-        fields = {**self.to_data()["tune"], "controls": None, "tune": None, "own_learners": True}
+    @cached_property
+    def trials(self) -> Self:
+        """The study whose arms are the trials of this study's tuning."""
+        fields = {**self.data["tune"], "controls": None, "tune": None, "own_learners": True}
         made = self.varied(**fields, opponents=(), snapshots=0)
         trials = {
             (False, name): of for (trial, name), of in self._positions.varied.items() if trial
@@ -482,7 +493,7 @@ class _Builder:
         alone = sum(other.target == edge.target for other in self.arm.transfers) == 1
         fit = alone and settings["unknown_value"].get(edge.target) is None
         fitted = edge.mapping == "auto" and fit
-        free = {"calibrate"} if fitted else {"scale", "shift", "calibrate"}
+        free = set[str]() if fitted else {"scale", "shift"}
         key = f"{fitted} {edge.model_dump_json(exclude=free)}"
         key += self._key(edge.target) + self._key(edge.source)
         if key not in self.made:
@@ -617,13 +628,6 @@ def read_study(
 def configured(study: dict[str, Any], folder: Path, positions: Positions) -> StudyConfig:
     """Return the configuration of a study as it was read; ConfigError lists all its mistakes."""
     problems = Problems(replace(positions, study=study))
-    for name, family in table(study.get("families")).items():  # first, because tasks need them
-        if ":" in name:
-            text = "must have a name without a colon, which functions have"
-            problems.add([(("families", name), text)])
-        with problems.at("families", name):
-            FamilyTable.model_validate(family)
-    problems.raise_any()
     arms = table(study.get("arms")) or {ONLY_ARM: {}}
     complete = {arm: complete_curriculum(study, patch) for arm, patch in arms.items()}
     fields: dict[str, Any] = {key: study[key] for key in RunTable.model_fields if key in study}

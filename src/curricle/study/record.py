@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -16,16 +17,17 @@ from pydantic import (
 )
 
 from curricle.arrays import FloatArray, IntArray
-from curricle.comparison.comparison import Reference
+from curricle.checks import LONGEST_NAME, unfit_name
+from curricle.comparison.measures import Reference
 from curricle.comparison.task_differences import TaskSummary
-from curricle.show.views import MOST_CELLS, GridView, Marker
+from curricle.pictures.views import MOST_CELLS, GridView, Marker
 from curricle.statistics.curves import SCRATCH
 
 # -- Parts of records: plain data of fixed types, with arrays as lists of numbers ------------------
 
 
 def _array(dtype: type, kinds: str) -> Any:
-    def read(value: Any) -> Any:
+    def read(value: object) -> Any:
         try:
             array = np.asarray(value)
         except ValueError:
@@ -136,7 +138,6 @@ class NodeRecord(Plain):
     key: str  # the key of its units; empty if they are not stored
     settings: dict[str, str]  # the settings of its training as text
     aggregate: str | None  # the aggregate of its transfers, if there are several
-    seeds_per_file: Annotated[int, Field(ge=1)]  # most seeds in a file of its units
 
 
 class TransferRecord(Plain):
@@ -182,12 +183,10 @@ class ArmRecord(Plain):
 
     nodes: dict[str, NodeRecord] = Field(min_length=1)
     transfers: tuple[TransferRecord, ...]
-    potential: str  # the name of its row in a forecast
     scratch: bool = False  # whether it learns the target without sources, for all steps
     depends_on_total: str | None = None
     """Why learning up to a step depends on the total of steps, as text; empty if it does not; None
     if another version wrote the record."""
-    variant: VariantRecord | None = None
     control_of: str = ""  # the arm that it changes, as a control or as a constant of it
     knows_target: bool  # whether a mapping was found in the target's model
 
@@ -229,27 +228,55 @@ class CurriculaRecord(Plain):
     @model_validator(mode="after")
     def _known(self) -> Self:
         for name, arm in self.arms.items():
+            for text in (name, *arm.nodes):  # an arm's may be longer than those in a file
+                if why := unfit_name(text[:LONGEST_NAME]):
+                    raise ValueError(f"a name {why}")
             for task, node in arm.nodes.items():
                 if node.task >= len(self.tasks):
                     raise ValueError(f"arms.{name}.nodes.{task}.task must be one of the tasks")
         return self
 
 
-class StudyRecord(CurriculaRecord):
-    """A study, with the name, seeds, window and snapshots of its file."""
+def _fit_name(name: str) -> str:
+    if why := unfit_name(name):
+        raise ValueError(f"it {why}")
+    return name
 
-    name: str
+
+OF_CONFIGURATION = ("name", "seeds", "window", "snapshots", "variants", "tuned", "chosen")
+
+
+class StudyRecord(CurriculaRecord):
+    """A study as its folder describes it: what its plan tells, and some of its configuration."""
+
+    # the configuration's:
+    name: Annotated[str, AfterValidator(_fit_name)]
     seeds: tuple[Count, ...]
-    reference: Reference  # before training
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
+    variants: dict[str, VariantRecord] = Field(default={})
+    tuned: TunedRecord | None = None
+    chosen: str | None = None  # the printed choice of its arm
+    # the plan's, besides tasks and arms:
+    reference: Reference  # before training
     target: str
     problem: TaskSummary  # the target, to tell whether two studies have the same target
     budget: Count | None  # this, `total` and `eval_freq` are as in :class:`Arms`
     total: Count | None
     eval_freq: Annotated[int, Field(ge=1)]
-    tuned: TunedRecord | None = None
-    chosen: str | None = None  # the printed choice of its arm
+
+    @classmethod
+    def of(cls, configuration: object, plan: object) -> Self:
+        """Return the record in the two parts of a description; ValueError names a mistake."""
+        if not (isinstance(configuration, dict) and isinstance(plan, dict)):
+            raise ValueError("its configuration and its plan must be tables")
+        shared = {key: configuration[key] for key in OF_CONFIGURATION if key in configuration}
+        return read_record(cls, {**plan, **shared})
+
+    @property
+    def plan(self) -> dict[str, Any]:
+        """What the plan tells, as plain data, of which :meth:`of` makes the record again."""
+        return self.model_dump(mode="json", exclude={*OF_CONFIGURATION})
 
     @property
     def keys(self) -> dict[tuple[str, str], str]:
@@ -274,28 +301,6 @@ class StudyRecord(CurriculaRecord):
         return self
 
 
-class RowRecord(Plain):
-    """A row of a forecast: a potential, with means over seeds."""
-
-    name: str
-    aggregate: bool
-    start: float
-    optimistic: float
-    scale: float
-    verdict: str
-
-
-class ForecastRecord(Plain):
-    """A forecast with the values that a report shows."""
-
-    random_return: float
-    optimum: float
-    exact: bool
-    solved: bool
-    computed_from: str  # the seeds and steps of the sources as text
-    rows: tuple[RowRecord, ...] = Field(min_length=1)
-
-
 class CertificateRecord(Plain):
     """The certificate of the potential that the first seeds of some arms share."""
 
@@ -305,10 +310,9 @@ class CertificateRecord(Plain):
 
 
 class SectionRecord(Plain):
-    """The forecast and the certificates of arms with the same tasks and transfers."""
+    """The certificates of arms with the same tasks and transfers."""
 
     arms: tuple[str, ...]
-    forecast: ForecastRecord | None
     certificates: tuple[CertificateRecord, ...]
     left_out: tuple[str, ...]  # sentences on omitted parts, the reason, and how to get them
 
@@ -349,7 +353,7 @@ class EpisodePair(Plain):
 class Analysis(Plain):
     """Results that need the tasks themselves, written at the end of a run."""
 
-    of: str  # a digest of the analysed results
+    of: str = ""  # a digest of the analysed results; empty if there are none in a folder
     sections: tuple[SectionRecord, ...] = ()
     episodes: dict[str, dict[str, EpisodePair]] = Field(default={})  # arm -> task -> episodes
 
@@ -371,6 +375,12 @@ class FailureRecord(Plain):
     error: str
 
 
+class FailuresRecord(Plain):
+    """The units that failed in the last run; the folder has no such file if none did."""
+
+    failures: tuple[FailureRecord, ...] = ()
+
+
 class RunRecord(Plain):
     """One run of a study."""
 
@@ -383,7 +393,13 @@ class RunRecord(Plain):
     versions: dict[str, str]
 
 
-def read_record(model: type[Model], value: Any) -> Model:
+class RunsRecord(Plain):
+    """All runs of a study into its folder."""
+
+    runs: tuple[RunRecord, ...] = ()
+
+
+def read_record(model: type[Model], value: object) -> Model:
     """Return the record in the content of a JSON file; ValueError names the first mistake."""
     try:
         return model.model_validate_json(json.dumps(value))

@@ -12,13 +12,13 @@ import pyarrow.parquet as pq
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import one_of
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.measures import Arm
 from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues, source_values, sources_read
 from curricle.deep.learning import policies_of
-from curricle.display import block
 from curricle.errors import (
     CurricleError,
     CurriculumError,
@@ -40,22 +40,24 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.record import (
     Analysis,
     FailureRecord,
+    FailuresRecord,
     RunRecord,
+    RunsRecord,
     StudyRecord,
     TaskRecord,
-    read_record,
 )
 from curricle.study.store import (
     ANALYSIS,
+    GROUPS,
     RUN,
     RUNS,
     SNAPSHOTS,
     STUDY,
-    VALUES,
     DecisionRow,
+    Finished,
     StoredUnit,
     StudyStore,
-    stored_values,
+    UnitContent,
 )
 from curricle.text import counted, shortened, visible
 
@@ -64,13 +66,11 @@ from curricle.text import counted, shortened, visible
 FAILURES = "failures.json"  # the failed units of the last run; no file if no unit failed
 
 
-def failure_records(failures: Failures) -> list[FailureRecord]:
+def failure_records(failures: Failures) -> tuple[FailureRecord, ...]:
     """Return the records of failed units; none if the executor failed, since no arm caused that."""
-    records = list[FailureRecord]()
-    for unit, error in failures.errors if not failures.executor_failed else ():
-        text = f"{unit.label}: {without_folders(in_words(error))}"
-        records.append(FailureRecord(key=unit.key, seeds=unit.seeds, error=text))
-    return records
+    errors = failures.errors if not failures.executor_failed else ()
+    texts = ((unit, f"{unit.label}: {without_folders(in_words(error))}") for unit, error in errors)
+    return tuple(FailureRecord(key=unit.key, seeds=unit.seeds, error=text) for unit, text in texts)
 
 
 def failure_error(failures: Failures) -> StudyError:
@@ -94,10 +94,10 @@ def without_folders(text: str) -> str:
     return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 
 
-def write_failures(store: StudyStore, records: Sequence[FailureRecord]) -> None:
+def write_failures(store: StudyStore, failures: tuple[FailureRecord, ...]) -> None:
     """Replace the stored failures of the previous run by those of this run."""
-    if records:
-        store.write_records(FAILURES, records)
+    if failures:
+        store.write_record(FAILURES, FailuresRecord(failures=failures))
     else:
         store.remove([store.path / FAILURES])
 
@@ -173,23 +173,14 @@ class StudyResults:
     def __init__(self, path: str | Place | StudyStore, record: StudyRecord | None = None):
         self.store = path if isinstance(path, StudyStore) else StudyStore(path)
         study = self.store.description
-        if "record" not in study:
+        if "plan" not in study:
             raise StoreError(f"{self.store.path} holds results that are not those of a study")
         self.record = record or self.store.checked(
-            STUDY, lambda: read_record(StudyRecord, study["record"])
+            STUDY, lambda: StudyRecord.of(study.get("configuration"), study["plan"])
         )
 
     def __repr__(self) -> str:
         return shortened(f"StudyResults({self.record.name!r}, {self._so_far()})")
-
-    def _repr_html_(self) -> str:
-        """Return the comparison of the arms, or why there is none yet, and the failures."""
-        title = f"Study {self.record.name!r}: {self._so_far()}"
-        try:
-            return block(title) + self.comparison._repr_html_()  # which names failed arms itself
-        except CurricleError as error:
-            failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
-            return block(title, str(error), *failed)
 
     def _so_far(self) -> str:
         arms, whole = counted(len(self.record.arms), "arm"), counted(len(self.record.seeds), "seed")
@@ -198,10 +189,10 @@ class StudyResults:
     @property
     def is_part(self) -> bool:
         """Whether arms of the folder's study are left out, as they are not trained yet."""
-        return len(self.record.arms) < len(self.store.description["record"]["arms"])
+        return len(self.record.arms) < len(self.store.description["plan"]["arms"])
 
     @cached_property
-    def stored(self) -> dict[str, dict[int, StoredUnit]]:
+    def stored(self) -> Finished:
         """The unit that holds each seed, by key and seed."""
         return self.store.finished()
 
@@ -214,7 +205,7 @@ class StudyResults:
             if arm.control_of
         }
         errors = dict[str, str]()
-        for failure in self.store.records(FAILURES, FailureRecord):
+        for failure in self.store.record(FAILURES, FailuresRecord).failures:
             if not set(failure.seeds) <= set(self.stored.get(failure.key, ())):
                 for arm in sorted(arms_of(needs, [failure.key])):
                     errors.setdefault(arm, visible(failure.error))
@@ -244,19 +235,21 @@ class StudyResults:
         """
         if not (units := self._units(arm, task, seeds)):
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
-        snapshots = self.record.task(arm, task).view is not None
-        groups = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
-        return joined_results(
-            [LearningResult.of_arrays(self._arrays(arm, task, unit, *groups)) for unit in units]
-        )
+        groups = GROUPS if values else ()
+        contents = [self._content(arm, task, unit, *groups) for unit in units]
+        return joined_results([LearningResult.of_arrays(content.arrays) for content in contents])
 
-    def _arrays(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> dict[str, Any]:
-        """Return the arrays of a unit of an arm, checked against the shapes in the record."""
+    def _content(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> UnitContent:
+        """Return the content of a unit of an arm, checked against the shapes in the record.
+
+        By default it has snapshots if its task has a picture: a file is read once, whoever asks.
+        """
         task = self.record.task(arm, name)
-        arrays = self.store.arrays(unit, *groups, most=self.most_bytes)
-        expected = arrays, unit.seeds, (task.states, task.actions), SPENT
+        groups = groups or (RUN, *[SNAPSHOTS] * (task.view is not None))
+        content = self.store.content(unit, name, groups, self.most_bytes)
+        expected = content.arrays, unit.seeds, (task.states, task.actions), SPENT
         self.store.checked(unit.path, lambda: check_result_arrays(*expected))
-        return arrays
+        return content
 
     @property
     def most_bytes(self) -> int:
@@ -308,7 +301,7 @@ class StudyResults:
         read = {*sources_read(curriculum, curriculum.target), *sources_read(curriculum, last), last}
         for name in names:
             units = self._units_of(arm, name, seeds)
-            stored[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
+            stored[name] = self.store.source_values(name, units, seeds, read=name in read)
         return source_values(curriculum, stored)
 
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
@@ -349,13 +342,14 @@ class StudyResults:
 
     @property
     def analysis(self) -> Analysis | None:
-        """Forecasts, certificates and episodes; None before the run has ended."""
-        return self.store.record(ANALYSIS, Analysis) if self.store.has(ANALYSIS) else None
+        """Certificates and episodes; None before the run has ended."""
+        analysis = self.store.record(ANALYSIS, Analysis)
+        return analysis if analysis.of else None
 
     @property
-    def runs(self) -> list[RunRecord]:
+    def runs(self) -> tuple[RunRecord, ...]:
         """The records of all runs so far."""
-        return self.store.records(RUNS, RunRecord)
+        return self.store.record(RUNS, RunsRecord).runs
 
     def initial_values(self, arm: str) -> FloatArray | None:
         """Return the initial Q of each seed, (K,); None unless the arm is a constant."""
@@ -369,7 +363,7 @@ class StudyResults:
 
     def _of_seeds(self, arm: str, task: str, name: str) -> Any:
         """Return an array of a task besides its results, (K,), seeds ascending; None without it."""
-        runs = [self._arrays(arm, task, unit, RUN) for unit in self._units(arm, task)]
+        runs = [self._content(arm, task, unit).arrays for unit in self._units(arm, task)]
         if not all(name in run for run in runs):
             return None
         seeds, numbers = (np.concatenate([run[key] for run in runs]) for key in ("seeds", name))
@@ -386,11 +380,12 @@ class StudyResults:
         """Yield a table in parts: by arm and task, then by seed and step."""
         for arm, task in self.record.keys:
             for units in apart(self._units(arm, task)):
+                contents = [self._content(arm, task, unit, RUN) for unit in units]
                 tables = [
-                    pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
+                    pa.table(curve_columns(content.arrays, task))
                     if name == CURVES
-                    else decisions_table(self.store.decisions(unit))
-                    for unit in units
+                    else decisions_table(content.decisions)
+                    for content in contents
                 ]
                 part = pa.concat_tables(tables)
                 if len(units) > 1:
@@ -406,7 +401,7 @@ class StudyResults:
         """Return seed -> the reasons for the decisions in a task, as sentences."""
         values: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
-            for row in self.store.decisions(unit):
+            for row in self._content(arm, task, unit).decisions:
                 values.setdefault(row.seed, []).append(getattr(row, column))
         return dict(sorted(values.items()))
 
@@ -563,18 +558,18 @@ def _arm(
             f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
     arm = record.arms[name]
-    return Arm.of(
+    learnt = Arm.of(
         result,
         spent,
         (total, record.eval_freq),
         seeds,
-        scratch=arm.scratch,
-        curriculum=curriculum,
         initial_values=study.initial_values(name),
-        knows_target=arm.knows_target,
         unlearnt={
             task: np.array([ended.get(seed) == UNLEARNT for seed in result.seeds])
             for task in arm.nodes
             if not curriculum and task != record.target and (ended := study.ended_by(name, task))
         },
+    )
+    return replace(
+        learnt, scratch=arm.scratch, curriculum=curriculum, knows_target=arm.knows_target
     )

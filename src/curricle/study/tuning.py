@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from curricle.candidates.candidates import source_candidates
+from curricle.comparison.choice import MOST, Choice, choose as choose_curriculum, options_of
 from curricle.comparison.opponents import OPPONENTS
-from curricle.design.candidates import source_candidates
-from curricle.design.choice import MOST, Choice, choose as choose_curriculum, options_of
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import RunTable, StudyConfig, configured, of_studies
@@ -36,7 +36,7 @@ TRIALS, CHOICE = "tuning", "choice"  # subfolders with the trials of a tuning, a
 
 def with_trials(study: StudyConfig, arms: Arms) -> tuple[Arms, ...]:
     """Return a study's arms and, if the study is tuned, the arms of its trials."""
-    return (arms,) if study.tune is None else (arms, Arms.of(study.of_trials()))
+    return (arms,) if study.tune is None else (arms, Arms.of(study.trials))
 
 
 def tuned_study(study: StudyConfig, trials: StudyResults) -> StudyConfig:
@@ -70,7 +70,7 @@ def tuned_before(study: StudyConfig, path: Any) -> StudyConfig:
     """Return a study with its best settings if a folder has all its trials; else unchanged."""
     if study.tune is None or not holds_study(path / TRIALS):
         return study
-    trials, store = study.of_trials(), StudyStore(path / TRIALS)
+    trials, store = study.trials, StudyStore(path / TRIALS)
     arms = Arms.of(trials)
     if units_of(trials, arms, store.finished(without=store.damaged_units())):
         return study
@@ -113,11 +113,11 @@ def effects_of(results: StudyResults) -> list[Level]:
     """Return the main effects of a sweep: for each setting, arm and value the mean over arms."""
     comparison, tuned = results.comparison, results.record.tuned
     returns = dict[tuple[str, str, str], list[Any]]()
-    for name, arm in results.record.arms.items():
-        if arm.variant is not None and name in comparison.arms:
+    for name, variant in results.record.variants.items():
+        if name in comparison.arms:
             chosen = tuned.arms[name].values if tuned else {}
-            for key in [key for key in arm.variant.values if key not in chosen]:
-                place = key, arm.variant.arm, value_text(arm.variant.values[key])
+            for key in [key for key in variant.values if key not in chosen]:
+                place = key, variant.arm, value_text(variant.values[key])
                 returns.setdefault(place, []).append(comparison.returns[name])
     ranks = [{place[part]: None for place in returns} for part in range(3)]
     places = [place for place in product(*ranks) if place in returns]

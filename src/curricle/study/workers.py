@@ -1,18 +1,24 @@
-"""Processes that train units, and end when the process that started them ends."""
+"""Processes of this machine that train units, and Dask clusters."""
 
 import atexit
+import logging
 import os
+import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
 from multiprocessing import connection, parent_process, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from threading import Thread
-from typing import Any
+from typing import Any, NamedTuple
+
+from curricle.errors import EngineError, SettingError
+
+# -- Processes of this machine, which end when the process that started them ends ------------------
 
 POSIX = hasattr(signal, "pthread_sigmask")
 REAPER = """
@@ -139,3 +145,83 @@ def end_with_parent() -> None:
 def _exit_after(sentinel: int) -> None:
     connection.wait([sentinel])
     os._exit(1)  # the main thread may be in a compiled loop for minutes
+
+
+# -- A Dask cluster: one at an address, or processes of this machine -------------------------------
+
+DASK = re.compile(r"dask(?:://((?:[^\s/:@]+|\[[0-9a-fA-F:]+\]):\d{1,5}))?")
+LOGGERS = [logging.getLogger(name) for name in ("distributed", "distributed.client", "asyncio")]
+"""Of Dask, which sets the second's level itself; the third logs what a lost scheduler ended."""
+REACHED_IN = 10  # seconds in which a scheduler must answer
+
+
+class Cluster(NamedTuple):
+    """An executor, what returns how many units it trains at once, and its dashboard if any."""
+
+    executor: Executor
+    workers: Callable[[], int]
+    link: str | None
+
+
+def dask_address(on: str) -> str | None:
+    """Return host:port in the text of ``--on``, None for a new cluster; SettingError otherwise."""
+    if "@" in on:
+        raise SettingError("on must be an address without user and password: got one before @")
+    if (match := DASK.fullmatch(on)) is None:
+        raise SettingError(f"on must be dask, or an address as dask://host:8786: got {on!r}")
+    return match[1]
+
+
+@contextmanager
+def dask_cluster(on: str, workers: int | None = None) -> Iterator[Cluster]:
+    """Return a context with the Dask cluster that ``--on`` names; one started here ends with it."""
+    address = dask_address(on)
+    if address is not None and workers is not None:
+        raise SettingError(f"{on} has workers of its own: workers={workers} is for dask")
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise SettingError(
+            f'{on} needs a package that is not installed: pip install "curricle[dask]"'
+        ) from None
+    levels = {logger: logger.level for logger in LOGGERS}
+    try:
+        if address is not None:
+            cluster, client = None, Client(f"tcp://{address}", timeout=REACHED_IN)
+        else:
+            if POSIX:
+                start_tracker()  # before the next line, because starting it unblocks interrupts
+            with interrupts_blocked():  # this process ends the workers, not a terminal's Ctrl-C
+                cluster = LocalCluster(
+                    n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+                )
+            client = Client(cluster)
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        raise SettingError(
+            f"{on} cannot be reached or started: {type(error).__name__}: {reason}"
+        ) from None
+    for logger in LOGGERS:
+        logger.setLevel(logging.CRITICAL)  # futures report a lost scheduler instead
+    try:
+        link = None
+        with suppress(KeyError):  # a scheduler may have no dashboard
+            link = client.dashboard_link or None
+
+        def threads() -> int:
+            if client.status != "running":  # a call whose result is on its way would not end
+                raise EngineError(f"{on} was lost: go on with --resume")
+            return sum(client.nthreads().values())
+
+        yield Cluster(client.get_executor(pure=False), threads, link)
+    except BaseException:
+        levels.clear()  # after an error Dask's threads log for some time
+        raise
+    finally:
+        with suppress(Exception):  # a scheduler that is gone cannot be left
+            client.close(timeout=2)
+        if cluster is not None:
+            with suppress(TimeoutError):  # processes that remain end with this process
+                cluster.close(timeout=20)
+        for logger, level in levels.items():
+            logger.setLevel(level)

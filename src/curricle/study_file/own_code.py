@@ -63,7 +63,7 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
     return function  # type: ignore[no-any-return]
 
 
-def suggestion(word: Any, known: Iterable[str]) -> str:
+def suggestion(word: object, known: Iterable[str]) -> str:
     """Return ``, did you mean 'WORD'?`` with the closest known word; empty if none is close."""
     by_lower_case = {name.lower(): name for name in known}
     close = get_close_matches(str(word).lower(), by_lower_case, n=1)
@@ -113,7 +113,7 @@ class _Neighbours(MetaPathFinder, Loader):
     def __init__(self, package: str):
         self.package, self.names = package, list[str]()
 
-    def find_spec(self, name: str, path: Any, target: Any = None) -> ModuleSpec | None:
+    def find_spec(self, name: str, path: object, target: object = None) -> ModuleSpec | None:
         """Return how a module of the folder is imported; nothing of packages, or of elsewhere."""
         return ModuleSpec(name, self) if not path and _exists(f"{self.package}.{name}") else None
 
@@ -198,7 +198,7 @@ INSTALLED = {
 }
 
 
-def code_of(data: Any, folder: Path) -> dict[str, str]:
+def code_of(data: object, folder: Path) -> dict[str, str]:
     """Return file -> digest of the user's modules that plain data name, equal on any machine."""
     return {
         name: digest_of(file.read_bytes().replace(b"\r\n", b"\n"))
@@ -206,7 +206,7 @@ def code_of(data: Any, folder: Path) -> dict[str, str]:
     }
 
 
-def own_files(data: Any, folder: Path) -> dict[str, Path]:
+def own_files(data: object, folder: Path) -> dict[str, Path]:
     """Return the files of the user's modules that plain data name, by the keys of `code_of`."""
     files = dict[str, Path]()
     modules = {match[1] for text in _texts(data) if (match := REFERENCE.fullmatch(text))}
@@ -225,7 +225,7 @@ def own_files(data: Any, folder: Path) -> dict[str, Path]:
     return files
 
 
-def _texts(data: Any) -> Iterator[str]:
+def _texts(data: object) -> Iterator[str]:
     """Yield every text in plain data."""
     if isinstance(data, str):
         yield data

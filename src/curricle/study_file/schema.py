@@ -66,9 +66,7 @@ from curricle.learning.learners import (
 from curricle.learning.schedules import Schedule, exponential, harmonic, linear
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.shaping import (
-    DecayingAdvice,
     LookAheadAdvice,
-    LookBackAdvice,
     QInitialisation,
     RewardBonus,
     StateShaping,
@@ -118,7 +116,7 @@ class Table(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _plain_messages(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+    def _plain_messages(cls, data: object, handler: ModelWrapValidatorHandler[Self]) -> Self:
         try:
             return handler(data if isinstance(data, cls) else as_table(data))
         except ValidationError as error:
@@ -148,18 +146,18 @@ def wrong_at(*messages: tuple[KeyPath, str]) -> ValidationError:
     return ValidationError.from_exception_data("study", details)
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """Return a value as short text for messages."""
     text = repr(value)
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 
-def not_one_of(value: Any, known: Collection[str]) -> str:
+def not_one_of(value: object, known: Collection[str]) -> str:
     """Return the message that a value must be a known word."""
     return f"must be one of {', '.join(known)}: got {shown(value)}{suggestion(value, known)}"
 
 
-def unknown(word: Any, known: Collection[str]) -> str:
+def unknown(word: object, known: Collection[str]) -> str:
     """Return the message that a word is unknown, with the closest known word, else all of them."""
     all_known = f": known are {', '.join(known)}" if known else ""
     return f"is unknown{suggestion(word, known) or all_known}"
@@ -168,12 +166,12 @@ def unknown(word: Any, known: Collection[str]) -> str:
 # -- Single values: numbers, names, words, seeds, and choices among tables -------------------------
 
 
-def table(value: Any) -> dict[str, Any]:
+def table(value: object) -> dict[str, Any]:
     """Return a value that is a table, and an empty table for any other value."""
     return value if isinstance(value, dict) else {}
 
 
-def as_table(value: Any) -> dict[str, Any]:
+def as_table(value: object) -> dict[str, Any]:
     """Return a value that is a table; refuse any other value."""
     if not isinstance(value, dict):
         raise wrong(f"must be a table: got {shown(value)}")
@@ -208,7 +206,7 @@ def word(
     # With a union of both types, the message about a wrong list would say that it is no word.
     adapter = None if lists is None else TypeAdapter[Any](lists)
 
-    def checked(value: Any, _: Any) -> Any:
+    def checked(value: object, _: object) -> Any:
         if isinstance(value, str):
             if function and ":" in value:
                 return Function(value)
@@ -242,7 +240,7 @@ Reference = Annotated[str, word("name a function as module:function", function=T
 """A function as ``module:function``."""
 
 
-def seeds_of(value: Any) -> tuple[int, ...]:
+def seeds_of(value: object) -> tuple[int, ...]:
     """Return the seeds that a file's value names, such as 30, [0, 1, 7] or "0-9,20-29"."""
     numbers: Any = seeds_in_ranges(value) if isinstance(value, str) else value
     if type(numbers) is int:
@@ -280,7 +278,7 @@ class Choice:
     simple: Any = None  # the type of values that are not tables, if such values are allowed
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         types = [*self.tables, *([] if self.simple is None else [self.simple])]
         return core_schema.with_info_wrap_validator_function(
@@ -291,7 +289,9 @@ class Choice:
     def _of_simple(self) -> Callable[[Any], Any]:
         return as_table if self.simple is None else TypeAdapter(self.simple).validate_python
 
-    def _validated(self, value: Any, _: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    def _validated(
+        self, value: object, _: ValidatorFunctionWrapHandler, info: ValidationInfo
+    ) -> Any:
         if not isinstance(value, dict):
             return value if isinstance(value, Table) else self._of_simple(value)
         meant = self.tables[0] if len(self.tables) == 1 else self.choose(value)
@@ -330,7 +330,7 @@ class ObjectTable(Table):
         return {name: built(getattr(self, name), folder) for name in self.parameters}
 
 
-def built(value: Any, folder: Path) -> Any:
+def built(value: object, folder: Path) -> Any:
     """Return the object of a table, or the function of a reference; other values unchanged."""
     if isinstance(value, Function):
         return load(value, folder)
@@ -371,7 +371,7 @@ def table_of(
     return made
 
 
-def annotated(hint: Any) -> Any:
+def annotated(hint: object) -> Any:
     """Return the type of the TOML values for a parameter of this type."""
     if hint in _PLAIN:
         return _PLAIN[hint]
@@ -383,7 +383,7 @@ def annotated(hint: Any) -> Any:
         if tables and (bool in members or NoneType in members):
             made, off = tables[0], False if bool in members else None
 
-            def flag(value: Any, _: Any) -> Any:  # true stands for a table of defaults
+            def flag(value: object, _: object) -> Any:  # true stands for a table of defaults
                 if not isinstance(value, bool):
                     raise wrong(f"must be true, false or a table: got {shown(value)}")
                 return made() if value else off
@@ -397,11 +397,11 @@ def annotated(hint: Any) -> Any:
     return table_of(hint) if _is_dataclass(hint) else hint
 
 
-def _is_dataclass(hint: Any) -> bool:  # no TypeGuard: a narrowed class would not be hashable
+def _is_dataclass(hint: object) -> bool:  # no TypeGuard: a narrowed class would not be hashable
     return is_dataclass(hint)
 
 
-def summary(makes: Any) -> str:
+def summary(makes: object) -> str:
     """Return the first paragraph of a docstring, without markup."""
     return _plain((inspect.getdoc(makes) or "").partition("\n\n")[0])
 
@@ -437,7 +437,7 @@ def named(*tables: Any, function: bool = False) -> Any:
     """Return the type of a table for which its name, or ``module:function``, may stand."""
     known = tags(tables)
 
-    def simple(value: Any, _: Any) -> Any:
+    def simple(value: object, _: object) -> Any:
         if function and isinstance(value, str) and ":" in value:
             return Function(value)
         if not isinstance(value, str) or value not in known:
@@ -517,10 +517,10 @@ DeepLearnerTable = table_of(
 )
 StoppingTable = table_of(StoppingRule)
 SHAPINGS = tuple(
-    table_of(kind, tag=kind.__name__, without=("potential", "source"), weight=Rate)
+    table_of(kind, tag=kind.__name__, without=("potential", "source"))
     for kind in (
-        *(QInitialisation, LookAheadAdvice, LookBackAdvice, StateShaping),
-        *(DecayingAdvice, RewardBonus, WeightTransfer, PolicyReuse),
+        *(QInitialisation, LookAheadAdvice, StateShaping, RewardBonus),
+        *(WeightTransfer, PolicyReuse),
     )
 )
 """The ways a potential or a network enters learning; the sources give the potential."""
@@ -579,7 +579,7 @@ class Settings(Table):
         return built(value, folder)
 
 
-# -- Transfers: their mapping, scale, shift and calibration ----------------------------------------
+# -- Transfers: their mapping, scale and shift -----------------------------------------------------
 
 MAPPINGS = ("project", "mapping", "function", "factory", "observations")  # a transfer has one
 OF_OBSERVATIONS = ("observations", "actions", "status")  # keys for targets that networks learn
@@ -590,7 +590,7 @@ ACTIONS = (
 
 class _TransferTable(ObjectTable):
     if TYPE_CHECKING:
-        source: str  # derived from Transfer, as are target, scale, shift and calibrate
+        source: str  # derived from Transfer, as are target, scale and shift
         target: str
         scale: float
         shift: float
@@ -654,7 +654,7 @@ class _TransferTable(ObjectTable):
             if getattr(self, key) is not None:
                 yield key, f"must be left out: {rest}"
 
-    def transfer(self, f: Any) -> Transfer:
+    def transfer(self, f: object) -> Transfer:
         """Return the transfer with the mapping `f`."""
         return Transfer(mapping=f, **self.arguments_in(Path()))
 

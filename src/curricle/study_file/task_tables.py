@@ -17,8 +17,8 @@ from pydantic import (
 )
 
 from curricle import tasks
+from curricle.candidates.candidates import KINDS
 from curricle.deep.miniature import miniatures
-from curricle.design.candidates import KINDS
 from curricle.errors import ConfigError, TaskError
 from curricle.files import read_bounded
 from curricle.interop.gymnasium import from_gymnasium, observation_task
@@ -51,8 +51,9 @@ from curricle.study_file.schema import (
     wrong,
     wrong_at,
 )
-from curricle.tasks.domain import MOVES, Domain, GridDomain, MapDomain, name_of
+from curricle.tasks.domain import Domain, GridDomain, MapDomain, name_of
 from curricle.tasks.family import FamilyMember, TaskFamily, rules_of
+from curricle.tasks.grid import MOVES
 from curricle.tasks.gridworld import LEGENDS, GridWorld
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
@@ -64,7 +65,7 @@ from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 # -- Where episodes start: a ring around the goal, reachable states, or states a policy visits ----
 
 
-def _distance(value: Any) -> tuple[int, int]:
+def _distance(value: object) -> tuple[int, int]:
     """Return a range of distances; one number is a range."""
     ends = value if isinstance(value, list | tuple) else (value, value)
     if len(ends) != 2:
@@ -159,7 +160,7 @@ class TaskTable(ObjectTable, Settings):
             arguments["time_limit"] = None
         return arguments
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return the task; `whole` is the task that a crop is a part of, or a family's member."""
         return super().build(folder)
 
@@ -214,7 +215,7 @@ _LIMIT = (TimeLimit | None, None)  # None: the environment's own limit
 class EnvironmentTable(Maker, TaskTable):
     """A task that a function of the library makes of an environment."""
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return the environment as a task; omitted keys have the function's defaults."""
         arguments = self.arguments_in(folder).items()
         stated = {
@@ -252,13 +253,10 @@ class _TabulatedTable(_EncodedTable):
     """Seeds of the resets, which are equally likely starts."""
     ignore: tuple[Name, ...] | None = None
     """Attributes that change no observation and no reward, such as a count of steps."""
-    cache: Name | None = None
-    """A file beside the study that stores the tables."""
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments, with seeds, state and cache under the function's names."""
+        """Return the arguments, with seeds and state under the function's names."""
         arguments = {**super().arguments_in(folder), "seeds": self.reset_seeds}
-        arguments["cache"] = None if self.cache is None else folder / self.cache
         return arguments | ({"state": DeepCopy(self.ignore)} if self.ignore else {})
 
 
@@ -272,7 +270,7 @@ TabulatedTaskTable = table_of(
     tag="tabulated",
     without=(
         *("environment", "seeds", "state", "max_states", "max_seconds", "progress"),
-        *("cache", "make_arguments"),
+        "make_arguments",
     ),
     discount=_DISCOUNT,
     time_limit=_LIMIT,
@@ -309,7 +307,7 @@ class _DistilledTable(TaskTable):
     shuffled: Flag = False
     """Whether answers are shuffled over observations: a placebo."""
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return the miniatures, which are solved at first use."""
         options = {"discount": self.discount, "time_limit": self.time_limit, "wrapped": self.encode}
         members, tested_on = (
@@ -331,7 +329,7 @@ DistilledTask = table_of(
 )
 
 
-# -- Task families: tables with defaults of a family, and tasks that are members of a family -------
+# -- Tasks that are members of a family ------------------------------------------------------------
 
 BUILT_IN = {
     family.name: family
@@ -341,29 +339,12 @@ BUILT_IN = {
 """Public name -> family of the library."""
 
 
-class FamilyTable(Table):
-    """A family of tasks with defaults of yours; its other keys are parameters."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, JsonValue]
-
-    family: str = Field(
-        description=f"One of {', '.join(BUILT_IN)}, or one's own as module:function."
-    )
-
-    @model_validator(mode="after")
-    def _known_parameters(self) -> Self:
-        self.__pydantic_extra__.update(_checked(_family(self.family), self.__pydantic_extra__))
-        return self
-
-
-def _family(name: str, families: tuple[str, ...] = ()) -> TaskFamily | None:
+def _family(name: str) -> TaskFamily | None:
     """Return a built-in family; None for a user's family, which is not imported here."""
     if ":" in name or name in BUILT_IN:
         return BUILT_IN.get(name)
-    known = (*families, *BUILT_IN)
-    text = f"must be one of {', '.join(known)}, or a family of one's own as module:function: "
-    raise wrong_at((("family",), f"{text}got {shown(name)}{suggestion(name, known)}"))
+    text = f"must be one of {', '.join(BUILT_IN)}, or a family of one's own as module:function: "
+    raise wrong_at((("family",), f"{text}got {shown(name)}{suggestion(name, BUILT_IN)}"))
 
 
 def _checked(family: TaskFamily | None, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -393,12 +374,13 @@ class FamilyTask(TaskTable):
     __pydantic_extra__: dict[str, JsonValue]
 
     type: Literal["family"] = "family"
-    family: str
-    """The name of a table in [families], of a family that is built in, or module:function."""
+    family: str = Field(
+        description=f"One of {', '.join(BUILT_IN)}, or one's own as module:function."
+    )
 
     @model_validator(mode="after")
-    def _known_parameters(self, info: ValidationInfo) -> Self:
-        family = _family(self.family, (info.context or {}).get("families", ()))
+    def _known_parameters(self) -> Self:
+        family = _family(self.family)
         values = _checked(family, self.__pydantic_extra__)
         parameters = () if family is None else family.parameters
         defaults = {of.name: of.default for of in parameters if not of.required}
@@ -450,7 +432,7 @@ def text_of(path: Path) -> str:
         raise ValueError(f"it is not UTF-8: {error}") from None
 
 
-def _in_order(value: Any) -> Any:
+def _in_order(value: object) -> Any:
     """Return a list, which stands for a set, sorted and without repetitions."""
     return tuple(sorted(set(value))) if isinstance(value, tuple) else value
 
@@ -468,7 +450,7 @@ def _cells_or(*known: str) -> Any:
     ]
 
 
-def _listed_or(rule: str, lists: Any, *known: str) -> Any:
+def _listed_or(rule: str, lists: object, *known: str) -> Any:
     """Return the type of a known word or a list."""
     return Annotated[Literal[known] | lists, word(rule, known, lists=lists)]
 
@@ -479,7 +461,7 @@ class _MazeTask(TaskTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _read_file(cls, data: Any, info: ValidationInfo) -> Any:
+    def _read_file(cls, data: object, info: ValidationInfo) -> Any:
         """Replace the key `file` by the file's map, so that the study stores the map itself."""
         if not isinstance(data, dict) or data.get("file") is None:
             return data
@@ -508,7 +490,7 @@ class CropTask(TaskTable):
     start: _cells_or("map", "uniform") = "uniform"  # type: ignore[valid-type]
     """As in a maze."""
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return this part of `whole`."""
         if isinstance(whole, TaskWithStart):
             whole = whole.task
@@ -544,18 +526,13 @@ class FactoryTask(TaskTable):
     arguments: dict[str, JsonValue] = Field({})
     """Passed to it by name."""
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return the function's result; ConfigError unless it is a task."""
         make = built(self.factory, folder)
         with users_code(self.factory):
             made = make(**self.arguments)
             generative_model(made)
         return made
-
-
-def _level(value: Any) -> int | str:
-    """Return the number of a level, or its map without margins."""
-    return _without_margins(value) if isinstance(value, str) else whole_number(value)
 
 
 def _domain(makes: Any, tag: str, **types: Any) -> Any:
@@ -591,7 +568,6 @@ PursuitTask = _domain(
 )
 _WRITTEN: dict[str, dict[str, Any]] = {
     "four_rooms": {"goal": _HALLWAY},
-    "block_dude": {"level": Annotated[int | str, BeforeValidator(_level)]},
     "river_swim": {"start": Annotated[_PLACES, AfterValidator(_in_order)]},
 }
 """Domain -> the types of parameters that TOML writes otherwise than the class."""

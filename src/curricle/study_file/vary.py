@@ -66,7 +66,7 @@ def _tuning_seeds(value: Any) -> tuple[int, ...]:
     return tuple(range(FIRST_SEED, FIRST_SEED + value)) if few else seeds_of(value)
 
 
-def _bound(value: Any) -> int | float:  # whole numbers stay whole
+def _bound(value: object) -> int | float:  # whole numbers stay whole
     if isinstance(value, bool) or not isinstance(value, int | float) or value - value != 0:
         raise wrong(f"must be a finite number: got {shown(value)}")
     return whole_number(value) if isinstance(value, int) else value
@@ -138,7 +138,7 @@ class Varied(NamedTuple):
         return path_text(self.key)
 
 
-def varied_in(tables: Any, home: KeyPath, key: tuple[str, ...] = ()) -> Iterator[Varied]:
+def varied_in(tables: object, home: KeyPath, key: tuple[str, ...] = ()) -> Iterator[Varied]:
     """Yield the settings that a table at `home` names, by nested tables or quoted dotted keys."""
     for name, value in table(tables).items():
         inner = (*key, *((dotted(name) if "." in name and not key else ()) or (name,)))
@@ -173,7 +173,7 @@ def short_names(settings: Sequence[Varied]) -> dict[str, str]:
     return {s.name: path_text(alone[s.name]) if s.name in alone else s.name for s in settings}
 
 
-def value_text(value: Any) -> str:
+def value_text(value: object) -> str:
     """Return a value as text for names of arms and tables."""
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -191,7 +191,7 @@ def places_of(study: Raw, make: Make, setting: Varied) -> list[KeyPath]:
     """Return a setting's paths in the curriculum of an arm that does not set it itself."""
     mark = object()
 
-    def paths_to(node: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
+    def paths_to(node: object, path: KeyPath = ()) -> Iterator[KeyPath]:
         if node is mark:
             yield path
         elif isinstance(node, dict | list):

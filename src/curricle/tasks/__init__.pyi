@@ -1,5 +1,4 @@
 from .automaton import Automaton as Automaton, with_automaton as with_automaton
-from .block_dude import BlockDude as BlockDude, block_dude_family as block_dude_family
 from .exploration import (
     DeepSea as DeepSea,
     RiverSwim as RiverSwim,
@@ -10,6 +9,7 @@ from .family import (
     ComponentsByName as ComponentsByName,
     FamilyMember as FamilyMember,
     Parameter as Parameter,
+    Rule as Rule,
     TaskFamily as TaskFamily,
     task_family as task_family,
 )

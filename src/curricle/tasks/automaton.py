@@ -18,7 +18,7 @@ import numpy.typing as npt
 from curricle.arrays import FloatArray, Frozen, IntArray
 from curricle.checks import number, text
 from curricle.errors import TaskError
-from curricle.tasks.domain import GridLayout
+from curricle.tasks.layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP, tables
 from curricle.tasks.spaces import Component, Decoded, Space
 
@@ -156,7 +156,7 @@ class TaskWithAutomaton(Frozen):
         return f"TaskWithAutomaton({self.task!r}, {len(self.automaton.states)} states)"
 
 
-def with_automaton(task: Any, automaton: Automaton) -> TaskWithAutomaton:
+def with_automaton(task: object, automaton: Automaton) -> TaskWithAutomaton:
     """Return the product of a task and an automaton of events.
 
     The event of a step moves the automaton; the reward of the edge is added to the task's. The

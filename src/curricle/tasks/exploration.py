@@ -6,21 +6,14 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.arrays import frozen
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.domain import (
-    Cell,
-    Discount,
-    DomainWithStart,
-    GridDomain,
-    GridLayout,
-    TimeLimit,
-    family_of,
-)
+from curricle.tasks.domain import Discount, Domain, GridDomain, TimeLimit, family_of
 from curricle.tasks.family import FamilyMember, Rule
+from curricle.tasks.grid import Grid
+from curricle.tasks.layout import GridLayout
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
 from curricle.tasks.spaces import Component, Space, whole
 
@@ -72,9 +65,8 @@ class DeepSea(GridDomain):
     ACTIONS = ("left", "right")
     OBJECTS: ClassVar = {"T": "treasure"}  # in the last row of water; it ends no episode
     ENDS = "_"
-    LISTED = True
 
-    def bottom(self, rows: int, *, start: Any = "uniform") -> Self:
+    def bottom(self, rows: int, *, start: object = "uniform") -> Self:
         """Return the lowest rows, with as many of the last columns; moves cost as in the whole."""
         least = whole_number("the rows of a part of a sea", rows, 1, TaskError)
         number("the rows of a part of a sea", least, TaskError, 1, self.size)
@@ -87,16 +79,12 @@ class DeepSea(GridDomain):
         )
 
     @cached_property
-    def _grid(self) -> npt.NDArray[np.str_]:
+    def grid(self) -> Grid:
         """The cells that a dive from the top left can reach, and the cells of the ground below."""
         n = self.size
-        grid = np.where(np.tri(n + 1, n, dtype=bool), ".", "#")
-        grid[n - 1, n - 1], grid[n] = "T", "_"
-        return grid
-
-    @property
-    def _corner(self) -> Cell:
-        return self.origin, self.origin
+        drawn = np.where(np.tri(n + 1, n, dtype=bool), ".", "#")
+        drawn[n - 1, n - 1], drawn[n] = "T", "_"
+        return Grid(drawn, (self.origin, self.origin), listed=True)
 
     @cached_property
     def mdp(self) -> FiniteMDP:
@@ -134,7 +122,7 @@ LARGEST_OF_FAMILY = 10_000
 
 
 @dataclass(frozen=True)
-class RiverSwim(DomainWithStart):
+class RiverSwim(Domain):
     """A swimmer in a river: left with the current is sure, right against it is not.
 
     Strehl and Littman 2008, "An analysis of model-based interval estimation for Markov decision
@@ -199,7 +187,11 @@ class RiverSwim(DomainWithStart):
                 )
             object.__setattr__(self, "start", tuple(sorted(set(positions.tolist()))))
 
-    def crop(self, *, positions: tuple[int, int], start: Any = "uniform") -> Self:
+    def with_start(self, start: object) -> Self:
+        """Return the same river with another `start`."""
+        return replace(self, start=start)
+
+    def crop(self, *, positions: tuple[int, int], start: object = "uniform") -> Self:
         """Return the part of the river in a half-open range of its positions.
 
         Its first and last positions are banks; the reward of a bank that is not part of it is 0.

@@ -1,4 +1,8 @@
-"""Task families: a function that makes tasks, its declared parameters, and how members relate."""
+"""Task families: a function that makes tasks, the rules of its parameters, and how members relate.
+
+The signature of the function is the declaration: a parameter's type, its :class:`Rule` and its
+default say which values it takes and which of them make harder tasks.
+"""
 
 import importlib
 import inspect
@@ -23,79 +27,87 @@ MOST_LISTED = 10_000  # values of a parameter that are listed one by one at most
 Harder = Literal["larger", "smaller", "later"]
 
 
+# -- parameters ------------------------------------------------------------------------------------
+
+
+class Rule(NamedTuple):
+    """The rule of an annotated value: ``size: Annotated[int, Rule(2, 9, "larger")] = 4``.
+
+    Parameters
+    ----------
+    low, high : float, optional
+        The smallest and the largest number, both included.
+    harder : {"larger", "smaller", "later"}, optional
+        Which values make harder tasks; "later" is the order of `values`.
+    values : tuple, optional
+        The only values; ``Literal[...]`` gives them as well.
+    varies : bool
+        Whether members of a family may differ in it.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    harder: Harder | None = None
+    values: tuple[Any, ...] | None = None
+    varies: bool = True
+
+
+ANY = Rule()
+
+
+def rules_of(function: object) -> dict[str, tuple[Any, Rule, bool]]:
+    """Return each annotated type (without None, if that leaves one), its rule, and if None fits."""
+    rules = dict[str, tuple[Any, Rule, bool]]()
+    for name, hint in get_type_hints(function, include_extras=True).items():
+        kind, *extras = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        rule = next((extra for extra in extras if isinstance(extra, Rule)), ANY)
+        members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+        kinds = [member for member in members if member is not NoneType]
+        rules[name] = (kinds[0] if len(kinds) == 1 else kind), rule, len(kinds) < len(members)
+    return rules
+
+
 @dataclass(frozen=True)
 class Parameter:
-    """One declared parameter of a :class:`TaskFamily`.
-
-    The signature of the family's function supplies the fields that are left out: the kind by its
-    annotation (``Literal[...]`` gives `values`, ``| None`` makes it optional), and the default.
+    """A parameter of a family, as the signature of the family's function declares it.
 
     Parameters
     ----------
     name : str
         The name of the function's parameter.
     kind : {int, float, bool, str}, optional
-    low, high : float, optional
-        The smallest and the largest number, both included.
-    values : sequence, optional
-        The only values, instead of `kind`, `low` and `high`.
+        Of its values; None if the rule lists them.
+    rule : Rule
+        The rule of its annotation.
     default : optional
         The value of members that give none; without a default they must give one.
-    harder : {"larger", "smaller", "later"}, optional
-        Which values make harder tasks; "later" is the order of `values`.
     optional : bool
         Whether None is a value too; it is the hardest of ordered values.
 
     Examples
     --------
-    >>> size = Parameter("size", int, low=2, high=50, harder="larger")
+    >>> size = Parameter("size", int, Rule(2, 50, "larger"))
     >>> size.checked(4, "maze"), size.listed()
     (4, '2..50')
     """
 
     name: str
     kind: type | None = None
-    low: float | None = None
-    high: float | None = None
-    values: Any = None
+    rule: Rule = ANY
     default: Any = ...
-    harder: Harder | None = None
     optional: bool = False
 
     def __post_init__(self) -> None:
-        text("the name of a parameter", self.name, TaskError)
+        low, high, harder, values, _ = self.rule
         of = f"of parameter {self.name!r}"
-        if not self.name.isidentifier():
-            raise TaskError(f"the name of a parameter must be one of Python's: got {self.name!r}")
-        if self.kind is not None and self.kind not in KINDS:
-            raise TaskError(f"the kind {of} must be int, float, bool or str: got {self.kind!r}")
-        if self.harder is not None:
-            one_of(f"harder {of}", self.harder, get_args(Harder), TaskError)
-        instance(f"optional {of}", self.optional, bool, TaskError)
-        limits = {name: getattr(self, name) for name in ("low", "high")}
-        limits = {name: limit for name, limit in limits.items() if limit is not None}
-        if self.values is not None:
-            several = not isinstance(self.values, str) and hasattr(self.values, "__iter__")
-            values = tuple(self.values) if several else ()
-            kinds = {type(value) for value in values}
-            if not values or not kinds <= {*KINDS} or len(set(map(_key, values))) < len(values):
-                raise TaskError(
-                    f"the values {of} must be different numbers, words or flags, at least one: got "
-                    f"{self.values!r}"
-                )
-            if self.kind is not None or limits:
-                raise TaskError(f"the values {of} say all: leave out kind, low and high")
-            if self.harder in ("larger", "smaller") and str in kinds:
-                raise TaskError(
-                    f"harder {of} must be 'later', the order of its values, which are words"
-                )
-            object.__setattr__(self, "values", values)
-        elif self.harder == "later" and self.kind is not None:
+        if harder is not None:
+            one_of(f"harder {of}", harder, get_args(Harder), TaskError)
+        if low is not None and high is not None and low > high:
+            raise TaskError(f"low {of} must be at most high: got {low} and {high}")
+        if harder == "later" and values is None:
             raise TaskError(f"harder='later' {of} needs values in that order: there are none")
-        for name, limit in limits.items():
-            number(f"{name} {of}", limit, TaskError)
-        if len(limits) == 2 and limits["low"] > limits["high"]:
-            raise TaskError(f"low {of} must be at most high: got {self.low} and {self.high}")
+        if harder in ("larger", "smaller") and any(isinstance(v, str) for v in values or ()):
+            raise TaskError(f"harder {of} must be 'later', the order of its values, some words")
 
     @property
     def required(self) -> bool:
@@ -105,12 +117,13 @@ class Parameter:
     def checked(self, value: Any, family: str = "") -> Any:
         """Return a value as members of a family hold it, or raise TaskError."""
         name = f"{self.name} of {family}" if family else self.name
+        low, high, _, values, _ = self.rule
         if value is None and self.optional:
             return None
-        if self.values is not None:
+        if values is not None:
             is_whole = isinstance(value, float) and value.is_integer()
             keys = [_key(form) for form in ((value, int(value)) if is_whole else (value,))]
-            matching = [valid for key in keys for valid in self.values if _key(valid) == key]
+            matching = [valid for key in keys for valid in values if _key(valid) == key]
             if not matching:
                 raise TaskError(f"{name} must be one of {self.listed()}: got {value!r}")
             return matching[0]
@@ -121,138 +134,89 @@ class Parameter:
             text(name, value, TaskError)
         else:
             farthest = BEYOND_64_BITS if self.kind is int else math.inf
-            low = 1 - farthest if self.low is None else self.low
-            high = farthest if self.high is None else self.high
+            least, most = 1 - farthest if low is None else low, farthest if high is None else high
             if self.kind is not int:
-                return number(name, value, TaskError, low, high)
-            if self.low is None and number(name, value, TaskError) % 1:
+                return number(name, value, TaskError, least, most)
+            if low is None and number(name, value, TaskError) % 1:
                 raise TaskError(f"{name} must be a whole number: got {value!r}")
-            value = whole_number(name, value, int(low), TaskError)
-            number(name, value, TaskError, low, high)
+            value = whole_number(name, value, int(least), TaskError)
+            number(name, value, TaskError, least, most)
         return value
-
-    def _between(self, first: float | None, last: float | None) -> Any:
-        """Return all values, or whole numbers from first to last; None where they are too many."""
-        if self.values is not None or self.kind is bool:
-            return self.values or (False, True)
-        if self.kind is not int or first is None or last is None or abs(last - first) > MOST_LISTED:
-            return None
-        step = 1 if first <= last else -1
-        return range(int(first), int(last) + step, step)
 
     def difficulty(self, value: Any) -> float | None:
         """Return a number that is larger for harder values; None where values are not ordered."""
-        if self.harder is None:
+        if self.rule.harder is None:
             return None
         if value is None:
             return math.inf
-        if self.harder == "later":
-            return float([*map(_key, self.values)].index(_key(value)))
-        return float(value) if self.harder == "larger" else -float(value)
+        if self.rule.harder == "later":
+            return float([*map(_key, self.rule.values or ())].index(_key(value)))
+        return float(value) if self.rule.harder == "larger" else -float(value)
 
     def easier_than(self, value: Any) -> tuple[Any, ...]:
         """Return the values that are easier, in order; none where they cannot be listed."""
-        hardest = self.difficulty(value)
+        hardest, (low, high, harder, values, _) = self.difficulty(value), self.rule
         if hardest is None:
             return ()
-        first, last = (self.high, self.low) if self.harder == "smaller" else (self.low, self.high)
-        values = self._between(first, last if value is None else value) or ()
+        if values is None and self.kind is bool:
+            values = (False, True)
+        elif values is None:
+            first, last = (high, low) if harder == "smaller" else (low, high)
+            last = last if value is None else value
+            if self.kind is not int or first is None or last is None:
+                return ()
+            if abs(last - first) > MOST_LISTED:
+                return ()
+            step = 1 if first <= last else -1
+            values = tuple(range(int(first), int(last) + step, step))
         return tuple(easier for easier in values if (self.difficulty(easier) or 0.0) < hardest)
 
     def listed(self) -> str:
         """Return the values in words, such as "2..9" or "True, False"."""
-        if self.values is not None:
-            shown = [str(value) for value in self.values[:12]]
-            listed = ", ".join([*shown, *(["..."] if len(self.values) > len(shown) else [])])
+        low, high, _, values, _ = self.rule
+        if values is not None:
+            listed = ", ".join([*map(str, values[:12]), *(["..."] if len(values) > 12 else [])])
         elif self.kind is bool:
             listed = "True, False"
-        elif self.low is None and self.high is None:
+        elif low is None and high is None:
             listed = {int: "whole numbers", str: "text"}.get(self.kind or float, "numbers")
-        elif self.high is None:
-            listed = f"{self.low} or more"
+        elif high is None:
+            listed = f"{low} or more"
         else:
-            listed = f"{'' if self.low is None else self.low}..{self.high}"
+            listed = f"{'' if low is None else low}..{high}"
         return f"{listed}, None" if self.optional else listed
 
 
-def _key(value: Any) -> tuple[type, Any]:
+def _key(value: object) -> tuple[type, Any]:
     """Return a key that differs for different values: True is not 1."""
     return type(value), value
 
 
-class Rule(NamedTuple):
-    """An annotation's rule for a value: ``size: Annotated[int, Rule(2, 9, "larger")] = 4``."""
-
-    low: float | None = None
-    high: float | None = None
-    harder: Harder | None = None
-    values: tuple[Any, ...] | None = None
-    varies: bool = True  # whether members of a family may differ in it
-
-
-def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
-    """Return each annotated type (without None, if that leaves one), its rule, and if None fits."""
-    rules = dict[str, tuple[Any, Rule, bool]]()
-    for name, hint in get_type_hints(function, include_extras=True).items():
-        kind, *extras = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-        rule = next((extra for extra in extras if isinstance(extra, Rule)), Rule())
-        members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-        kinds = [member for member in members if member is not NoneType]
-        rules[name] = (kinds[0] if len(kinds) == 1 else kind), rule, len(kinds) < len(members)
-    return rules
-
-
-def complete_parameters(
-    declared: tuple[Parameter, ...], function: Callable[..., Any], family: str
-) -> tuple[Parameter, ...]:
-    """Return the parameters of a family's function, in its order, annotations included."""
-    signature, rules = inspect.signature(function).parameters, rules_of(function)
-    by_name = {parameter.name: parameter for parameter in declared}
-    variadic = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
-    free = any(entry.kind is variadic[0] for entry in signature.values())
-    if len(by_name) < len(declared) or not (free or by_name.keys() <= signature.keys()):
-        raise TaskError(
-            f"the parameters of {family} must be different parameters of its function, "
-            f"{', '.join(signature)}: got {', '.join(parameter.name for parameter in declared)}"
-        )
-    parameters = list[Parameter]()
-    for name, entry in signature.items():
-        if entry.kind in variadic:
+def parameters_of(function: Callable[..., Any], family: str) -> tuple[Parameter, ...]:
+    """Return the parameters of a family's function, without those that members share."""
+    rules, parameters = rules_of(function), list[Parameter]()
+    for name, entry in inspect.signature(function).parameters.items():
+        if entry.kind in (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL):
             continue
         default = ... if entry.default is inspect.Parameter.empty else entry.default
-        unannotated: tuple[Any, Rule, bool] = type(default), Rule(), False
+        unannotated: tuple[Any, Rule, bool] = type(default), ANY, False
         kind, rule, optional = rules.get(name, unannotated)
-        low, high, harder, values, varies = rule
-        parameter = by_name.get(name)
-        if parameter is None:
-            parameter = Parameter(name, None, low, high, values, harder=harder)
-        if parameter.default is ...:
-            parameter = replace(parameter, default=default)
-        unknown = parameter.kind is None and parameter.values in (None, values)
-        if parameter.default is None or (unknown and optional):
-            parameter = replace(parameter, optional=True)
-        if parameter.kind is None and parameter.values is None:
-            if kind in KINDS:  # bool, int, float or str
-                parameter = replace(parameter, kind=kind)
-            elif get_origin(kind) is Literal:
-                parameter = replace(parameter, values=get_args(kind))
-            elif default is ... or name in by_name:
+        if get_origin(kind) is Literal:
+            rule = rule._replace(values=get_args(kind))
+        elif rule.values is None and kind not in KINDS:
+            if default is ...:
                 raise TaskError(
-                    f"parameter {name!r} of {family} must have a kind: declare it, or annotate it "
-                    "as int, float, bool, str or Literal[...]"
+                    f"parameter {name!r} of {family} must have a kind: annotate it as int, float, "
+                    "bool, str or Literal[...]"
                 )
-            else:  # no kind of a family's: it keeps its default
-                continue
-        if varies or name in by_name:
-            parameters.append(parameter)
-    parameters += [parameter for name, parameter in by_name.items() if name not in signature]
-    place = f"{family}, its default,"
-    return tuple(
-        parameter
-        if parameter.required
-        else replace(parameter, default=parameter.checked(parameter.default, place))
-        for parameter in parameters
-    )
+            continue  # it keeps its default
+        if rule.varies:
+            kind = None if rule.values is not None else kind
+            parameter = Parameter(name, kind, rule, optional=optional or default is None)
+            if default is not ...:
+                default = parameter.checked(default, f"{family}, its default,")
+            parameters.append(replace(parameter, default=default))
+    return tuple(parameters)
 
 
 # -- mappings as data ------------------------------------------------------------------------------
@@ -302,35 +266,32 @@ class ComponentsByName:
 
 @dataclass(frozen=True)
 class TaskFamily(Frozen):
-    """Tasks that one function makes from declared parameters; a call returns a FamilyMember.
+    """Tasks that one function makes of parameters; a call returns a FamilyMember.
 
     Parameters
     ----------
     name : str
         The family's name in messages and printed members.
     factory : callable
-        Returns the task; called with every parameter by name.
-    parameters : sequence of Parameter
-        The declarations that the signature of `factory` does not make.
+        Returns the task; called with every parameter by name. Its annotations declare them.
     mapping : ComponentsByName or callable
         How members map onto each other (:func:`family_mappings`); a function of target and source,
         both :class:`FamilyMember`, returns a :class:`ComponentsByName`, a function for
         :func:`from_function` or a mapping, or several in a list.
     constraint : callable, optional
         Takes a dict of parameters and returns why they do not fit together, a sentence, or None.
+    parameters : tuple of Parameter, optional
+        Instead of those of `factory`, if it passes some on that its signature does not name.
 
     Raises
     ------
     TaskError
-        When a declaration does not fit the function, or a default breaks it.
+        When a parameter has no kind, or its default breaks its rule.
 
     Examples
     --------
     >>> from curricle import Pursuit
-    >>> hunts = TaskFamily("hunt", Pursuit, [
-    ...     Parameter("size", low=2, high=10, harder="larger"),
-    ...     Parameter("predators", low=1, high=3, harder="larger"),
-    ...     Parameter("capture", values=["any", "all"])])
+    >>> hunts = TaskFamily("hunt", Pursuit)
     >>> hunts(size=4, predators=1)
     hunt(predators=1)
     >>> list(hunts.easier(hunts(size=3, predators=1)))
@@ -339,9 +300,9 @@ class TaskFamily(Frozen):
 
     name: str
     factory: Callable[..., Any]
-    parameters: Any = ()
     mapping: Any = None
     constraint: Callable[[dict[str, Any]], str | None] | None = None
+    parameters: Any = None
 
     def __post_init__(self) -> None:
         fit_name("a task family", self.name, TaskError)
@@ -354,16 +315,13 @@ class TaskFamily(Frozen):
                 isinstance(self.mapping, ComponentsByName) or callable(self.mapping),
             ),
             "constraint": ("a function", self.constraint is None or callable(self.constraint)),
-            "parameters": ("a list of Parameter", isinstance(self.parameters, list | tuple)),
         }
         for part, (rule, fits) in rules.items():
             if not fits:
                 value = getattr(self, part)
                 raise TaskError(f"the {part} of {self.name} must be {rule}: got {value!r}")
-        for declared in self.parameters:
-            instance(f"each of the parameters of {self.name}", declared, Parameter, TaskError)
-        parameters = complete_parameters(tuple(self.parameters), self.factory, self.name)
-        object.__setattr__(self, "parameters", parameters)
+        if self.parameters is None:
+            object.__setattr__(self, "parameters", parameters_of(self.factory, self.name))
 
     def __call__(self, /, **values: Any) -> "FamilyMember":
         """Return the member with these parameters; the others have their defaults."""
@@ -413,7 +371,8 @@ class TaskFamily(Frozen):
         lines = [f"{self.name}, a family of tasks"]
         for parameter in self.parameters:
             default = "must be given" if parameter.required else f"{parameter.default} by default"
-            order = "" if parameter.harder is None else f", {parameter.harder} is harder"
+            harder = parameter.rule.harder
+            order = "" if harder is None else f", {harder} is harder"
             lines.append(f"  {parameter.name}: {parameter.listed()}; {default}{order}")
         return "\n".join(lines)
 
@@ -425,7 +384,7 @@ class TaskFamily(Frozen):
         place = getattr(self.factory, "__module__", ""), getattr(self.factory, "__qualname__", "")
         if _named(*place) == self:
             return _named, place
-        parts = (self.name, self.factory, self.parameters, self.mapping, self.constraint)
+        parts = (self.name, self.factory, self.mapping, self.constraint, self.parameters)
         return TaskFamily, parts
 
 
@@ -490,41 +449,33 @@ class FamilyMember(Frozen):
 
 
 def task_family(
-    *parameters: Parameter,
+    *,
     name: str | None = None,
-    mapping: Any = None,
+    mapping: object = None,
     constraint: Callable[[dict[str, Any]], str | None] | None = None,
 ) -> Callable[[Callable[..., Any]], TaskFamily]:
     """Return a decorator that makes a :class:`TaskFamily` of the function that makes its tasks.
 
     Parameters
     ----------
-    *parameters : Parameter
-        The declarations that the function's annotations and defaults do not make.
     name, mapping, constraint
         As in :class:`TaskFamily`; by default it has the function's name.
 
     Examples
     --------
     >>> from curricle import GridWorld
-    >>> @task_family(Parameter("length", low=2, harder="larger"))
-    ... def corridor(length: int, discount: float = 0.9):
+    >>> @task_family()
+    ... def corridor(length: Annotated[int, Rule(low=2, harder="larger")], discount: float = 0.9):
     ...     return GridWorld("S" + "." * (length - 2) + "T", discount=discount)
     >>> corridor
     TaskFamily(corridor: length, discount)
     >>> corridor(length=3).task.states.size
     3
     """
-    for parameter in parameters:
-        if not isinstance(parameter, Parameter):
-            raise TaskError(
-                "task_family must be given Parameters, in parentheses, above a function: got "
-                f"{parameter!r}"
-            )
 
     def decorate(factory: Callable[..., Any]) -> TaskFamily:
         called = getattr(factory, "__name__", "family") if name is None else name
-        return TaskFamily(called, factory, parameters, mapping, constraint)
+        return TaskFamily(called, factory, mapping, constraint)
 
     return decorate
 

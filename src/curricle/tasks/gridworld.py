@@ -13,17 +13,11 @@ import numpy.typing as npt
 from curricle.arrays import IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
-from curricle.tasks.domain import (
-    Cell,
-    CellDomain,
-    Discount,
-    MapDomain,
-    MapStart,
-    TimeLimit,
-    landing,
-)
+from curricle.tasks.domain import Discount, MapDomain, MapStart, TimeLimit
 from curricle.tasks.family import Rule, TaskFamily
+from curricle.tasks.grid import landing
 from curricle.tasks.kernel import STRIDE, splitmix64, stream_start, uniform
+from curricle.tasks.layout import Cell
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space
@@ -69,7 +63,7 @@ class Rewards:
 
 
 @dataclass(frozen=True)
-class GridWorld(MapDomain, CellDomain):
+class GridWorld(MapDomain):
     """A maze drawn as a text map, in which the agent moves one cell north, east, south or west.
 
     A move off the grid or into a wall leaves the agent where it is. The reward depends on the cell
@@ -142,8 +136,8 @@ class GridWorld(MapDomain, CellDomain):
     def states(self) -> Space:
         """One state for each cell that is not a wall."""
         if self.representation == "absolute":
-            return self._cell_space
-        height, width = self._grid.shape
+            return self.grid.space
+        height, width = self.grid.drawn.shape
         axes, points, counts = [], [], Counter[str]()
         for name, row, column in self.objects:
             counts[name] += 1
@@ -162,20 +156,20 @@ class GridWorld(MapDomain, CellDomain):
 
     def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> IntArray:
         """Return the states of these cells, `MISSING` off the map and for walls."""
-        return self._cell_space.encode(row=row, column=column)
+        return self.grid.space.encode(row=row, column=column)
 
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The maze as tables: each cell has an outcome row for entering it and one for bumping."""
-        to, entered = landing(self._cell_space), np.arange(len(self.cells))
-        pays, fire = self.rewards, self._holds("F")
+        to, entered = landing(self.grid.space), np.arange(len(self.cells))
+        pays, fire = self.rewards, self.grid.holds("F")
         near_fire = (fire[to] & (to != MISSING)).any(axis=1)
         bump = pays.bump if pays.bump else np.nan
         terms = np.broadcast_arrays(
-            np.where(self._holds("T"), pays.treasure, np.nan),
+            np.where(self.grid.holds("T"), pays.treasure, np.nan),
             np.where(fire, pays.fire, np.nan),
             np.where(near_fire, pays.near_fire, np.nan),
-            np.where(self._holds("P"), pays.pit, np.nan),
+            np.where(self.grid.holds("P"), pays.pit, np.nan),
             [[np.nan], [bump]],  # of entering, of bumping
         )
         reward = np.fmin.reduce(terms)
@@ -190,11 +184,11 @@ class GridWorld(MapDomain, CellDomain):
         )
 
 
-def _characters(legend: Any) -> dict[str, str]:
+def _characters(legend: object) -> dict[str, str]:
     """Return the character of the library that each character of a legend stands for."""
-    known: Any = LEGENDS.get(legend, legend) if isinstance(legend, str) else legend or {}
+    named: Any = LEGENDS.get(legend, legend) if isinstance(legend, str) else legend or {}
     try:
-        drawn = {character: DRAWN[name] for character, name in known.items()}
+        drawn = {character: DRAWN[name] for character, name in named.items()}
         fits = all(len(character) == 1 for character in drawn)
     except (AttributeError, KeyError, TypeError):
         fits = False

@@ -9,7 +9,6 @@ import inspect
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
-from itertools import chain
 from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from llvmlite import ir
 from numba import _dynfunc, config, njit, types  # type: ignore[attr-defined]  # no stub
+from numba._dispatcher import compute_fingerprint
 from numba.core import cgutils, codegen, compiler, imputils, typed_passes
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler_machinery import register_pass
@@ -32,7 +32,6 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it when it is
 
 # -- machine code on disk --------------------------------------------------------------------------
 
-PACKAGES = ("learning", "planning", "tasks", "teaching", "transfer")  # packages with compiled code
 MARKS = (b"numba", b"tasks.kernel", b".body(")
 """Each file with compiled code contains one of these: an import, or a decorator."""
 
@@ -62,7 +61,7 @@ def code_digest() -> str:
     # code into which an older function of another file was compiled.
     root = Path(__file__).parents[1]
     digest = hashlib.sha256((root / "__init__.py").read_bytes())
-    for file in chain.from_iterable(sorted((root / name).rglob("*.py")) for name in PACKAGES):
+    for file in sorted(root.rglob("*.py")):
         content = file.read_bytes()
         if any(mark in content for mark in MARKS):
             digest.update(content)
@@ -78,7 +77,7 @@ class LoopCache(FunctionCache):
         index: Any = LoopIndex
         self._cache_file = index(self._cache_path, self._impl.filename_base, code_digest())
 
-    def save_overload(self, sig: Any, data: Any) -> None:
+    def save_overload(self, sig: object, data: object) -> None:
         """Write the machine code that was compiled for a signature."""
         numbas: Any = super()
         with suppress(OSError):  # a full disk: it is compiled again in the next process
@@ -194,7 +193,7 @@ class Overloaded:
     def __init__(self, function: Body, *, outlined: bool = False, otherwise: Body | None = None):
         self.bodies: dict[type, Body] = {}
 
-        def choose(first: Any, *_: Any) -> Body | None:
+        def choose(first: object, *_: Any) -> Body | None:
             return self.bodies.get(getattr(first, "instance_class", type(None)), otherwise)
 
         options: Any = {**INLINED, "forceinline": not outlined}
@@ -208,6 +207,57 @@ class Overloaded:
             return function
 
         return register
+
+
+# -- machine code that loops call at its address ---------------------------------------------------
+#
+# The code for a checkpoint takes longer to compile than the code for a step. It is compiled once,
+# and all loops call it by its address: Numba would compile a function that is called by name into
+# each loop anew.
+
+
+CALLABLE = set[tuple[Any, ...]]()  # the types of arguments for which there is machine code
+_ADDRESSES = dict[Any, int]()
+
+
+def address_of(loop: Any, *arguments: Any) -> int:
+    """Return where the machine code of a compiled function for such arguments begins."""
+    key = None
+    with suppress(NotImplementedError):  # of a user's compiled functions
+        key = loop, compute_fingerprint(arguments)  # thirty times faster than Numba's types
+    if key not in _ADDRESSES:
+        kinds = tuple(loop.typeof_pyval(argument) for argument in arguments)
+        loop.compile(kinds)  # or read from the disk, or nothing, where it is there
+        CALLABLE.add(kinds)
+        machine = loop.overloads[kinds]
+        name = machine.fndesc.llvm_func_name
+        _ADDRESSES[key] = int(machine.library.get_pointer_to_function(name))
+    return _ADDRESSES[key] if key else _ADDRESSES.pop(key)
+
+
+@intrinsic
+def called(_, address, arguments):
+    """Return the float64 that the machine code at an address returns for a tuple of arguments."""
+    # Nothing at run time knows what the machine code takes: `address_of` must have been given an
+    # example of these arguments.
+    kinds = tuple(types.unliteral(kind) for kind in arguments)
+    if kinds not in CALLABLE:
+        raise TypeError(f"no machine code takes arguments of types {kinds}")
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        convention = context.call_conv
+        kind = convention.get_function_type(types.float64, kinds).as_pointer()
+        parts = [
+            context.cast(builder, builder.extract_value(args[1], place), kind_there, kind_taken)
+            for place, (kind_there, kind_taken) in enumerate(zip(arguments, kinds, strict=True))
+        ]
+        code = builder.inttoptr(args[0], kind)
+        status, value = convention.call_function(builder, code, types.float64, kinds, parts)
+        with builder.if_then(status.is_error):
+            convention.return_status_propagate(builder, status)
+        return value
+
+    return types.float64(address, arguments), build
 
 
 # -- random draws ----------------------------------------------------------------------------------
@@ -329,7 +379,7 @@ def lowered(typed: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def register(build: Callable[..., Any]) -> Any:
-        def definition(_: Any, *kinds: Any) -> tuple[Any, Callable[..., Any]]:
+        def definition(_: object, *kinds: Any) -> tuple[Any, Callable[..., Any]]:
             return typed(*kinds), build
 
         context = inspect.Parameter("_", inspect.Parameter.POSITIONAL_ONLY)

@@ -14,10 +14,8 @@ from numba.core import cgutils
 
 from curricle.arrays import BoolArray, FloatTable
 from curricle.checks import brief, instance
-from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.kernel import inlined, lowered, splitmix64
-from curricle.tasks.mdp import number_of
 from curricle.tasks.models import (
     LARGEST_REWARD,
     REWARD_RULE,
@@ -29,6 +27,7 @@ from curricle.tasks.models import (
     evaluation_models,
     failures,
     first_states,
+    number_of,
     opened,
     permissions,
     transitions,
@@ -184,8 +183,6 @@ class LiveMDP:
     time_limit: int | None = 200
     action_masks: bool = False
 
-    _repr_html_ = pictured
-
     def __post_init__(self) -> None:
         instance("action_masks", self.action_masks, bool, TaskError)
         encode = [] if self.encode is None else ["encode"]
@@ -200,11 +197,15 @@ class LiveMDP:
         """A placeholder: the generative model exists while environments are open."""
         return Unopened(self)
 
+    def open(self, start: int, tables: FloatTable | None) -> AbstractContextManager[Live]:
+        """Return a context with the model of a run whose random stream starts at `start`."""
+        return _Opened(self, start, tables)
+
     def __repr__(self) -> str:
         return described(self)
 
 
-def is_live(task: Any) -> bool:
+def is_live(task: object) -> bool:
     """Return whether a task is played in an environment, by one thread at a time."""
     return isinstance(task, LiveMDP)
 
@@ -225,10 +226,11 @@ def open_model(
 ) -> AbstractContextManager[Any]:
     """Return a context with a task's model; at its end it raises an environment's exception.
 
-    An environment that masks actions writes -inf into `tables`, (n, m, S, A), as states are met.
+    A task with a method `open` makes its model for a run, such as :class:`LiveMDP`. An environment
+    that masks actions writes -inf into `tables`, (n, m, S, A), as states are met.
     """
-    if is_live(task):
-        return _Opened(task, start, tables)
+    if hasattr(task, "open"):
+        return task.open(start, tables)  # type: ignore[no-any-return]
     return opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
 
 
@@ -309,12 +311,12 @@ def _player(
 
 
 def _closing(
-    task: LiveMDP, environment: Any, available: BoolArray, tables: FloatTable | None
+    task: LiveMDP, environment: object, available: BoolArray, tables: FloatTable | None
 ) -> Callable[[int, Any], None]:
     """Return the function that notes which actions are available in a state that is entered."""
     known, n_actions = dict[int, bytes](), task.actions.size
 
-    def close(state: int, info: Any) -> None:
+    def close(state: int, info: object) -> None:
         available[:] = mask = action_mask(environment, info, n_actions)
         if state not in known:
             known[state] = mask.tobytes()
@@ -330,7 +332,7 @@ def _closing(
     return close
 
 
-def action_mask(environment: Any, info: Any, n_actions: int) -> BoolArray:
+def action_mask(environment: Any, info: object, n_actions: int) -> BoolArray:
     """Return the available actions of an environment's present state, (A,); TaskError if none."""
     mask = info.get("action_mask") if isinstance(info, Mapping) else None
     if mask is None:
@@ -354,7 +356,7 @@ def action_mask(environment: Any, info: Any, n_actions: int) -> BoolArray:
     return flags.astype(np.bool_)
 
 
-def _observed(begun: Any) -> Any:
+def _observed(begun: object) -> Any:
     """Return the observation in the pair that a reset returned."""
     return checked_parts("reset", begun)[0]
 
@@ -378,14 +380,14 @@ def seeded_reset(environment: Any, seed: int) -> Any:
         ) from None
 
 
-def checked_parts(method: str, returned: Any) -> tuple[Any, ...]:
+def checked_parts(method: str, returned: object) -> tuple[Any, ...]:
     """Return what a step or reset returned; TaskError unless it has the right parts."""
     if not isinstance(returned, tuple | list) or len(returned) != len(RETURNED[method]):
         raise TaskError(wrong_parts(method, returned))
     return tuple(returned)
 
 
-def wrong_parts(method: str, returned: Any) -> str:
+def wrong_parts(method: str, returned: object) -> str:
     """Return the sentence on what a step or reset returned instead of its parts."""
     old = method == "reset" or (isinstance(returned, tuple) and len(returned) == 4)
     said = f"({', '.join(RETURNED[method])}): got {brief(returned)}{f'; {OLD_GYM}' * old}"

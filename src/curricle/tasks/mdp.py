@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted, frozen
-from curricle.checks import brief, indices, instance, numbers
-from curricle.display import pictured
+from curricle.checks import instance
 from curricle.errors import TaskError
+from curricle.tasks.graph import rows_in_use, steps_to
 from curricle.tasks.models import (
     LARGEST_REWARD,
     REWARD_RULE,
@@ -28,13 +28,21 @@ from curricle.tasks.models import (
     described,
     learning_model,
 )
+from curricle.tasks.readers import (
+    Pairs,
+    dense_pairs,
+    listed_outcomes,
+    listed_pairs,
+    sparse_pairs,
+    start_distribution,
+    terminal_states,
+)
 from curricle.tasks.spaces import Component, Space, state_name, whole_by_type
 
 Table = TypeVar("Table", bound=npt.NDArray[Any])
 PROBABILITY_TOLERANCE = 1e-8
 SINGLE_PRECISION = 1e-6
 """How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
-MOST_ACTIONS = 2**15  # an action of a larger number is a mistake, where most are not listed
 NO_LIMIT = np.int64(2**62)  # steps that stand for no limit in compiled loops
 
 
@@ -96,8 +104,6 @@ class FiniteMDP(Frozen):
     discount: float
     time_limit: int | None = None
     available: BoolArray | None = None
-
-    _repr_html_ = pictured
 
     def __post_init__(self) -> None:
         instance("states", self.states, Space, TaskError)
@@ -216,37 +222,15 @@ class FiniteMDP(Frozen):
         >>> float(mdp.reward.max())
         5.0
         """
-        p = numbers("transition", transition, TaskError)
-        if p.ndim != 3 or p.shape[0] != p.shape[2] or not p.size:
-            raise TaskError(f"transition must have shape (S, A, S): got {p.shape}")
-        n_states, n_actions, _ = p.shape
-        r = numbers("reward", reward, TaskError)
-        if r.shape not in (p.shape, p.shape[:2], p.shape[:1]):
-            raise TaskError(
-                f"reward must have shape {p.shape}, {p.shape[:2]} or {p.shape[:1]}: got {r.shape}"
-            )
-        r = np.broadcast_to(r.reshape(r.shape + (1,) * (3 - r.ndim)), p.shape)
-        flat_p, flat_r = p.reshape(-1, n_states), r.reshape(-1, n_states)
-        width = max(1, int((flat_p != 0).sum(axis=1).max(initial=0)))
-        # The nonzero outcomes of each pair, first to last: a stable sort puts them in front.
-        successor = np.argsort(flat_p == 0, axis=1, kind="stable")[:, :width]
-        return cls.one_row_a_pair(
-            states,
-            actions,
-            np.take_along_axis(flat_p, successor, axis=1).reshape(n_states, n_actions, width),
-            successor,
-            np.take_along_axis(flat_r, successor, axis=1),
-            terminal=np.asarray(terminal),
-            start=start_distribution(start, n_states),
-            discount=discount,
-            time_limit=time_limit,
-            available=available,
-        )
+        pairs = dense_pairs(transition, reward)
+        every = np.ones(pairs.shape, np.bool_) if available is None else available
+        spaces, horizon = (states, actions), (discount, time_limit)
+        return cls._of_pairs(pairs, spaces, np.asarray(terminal), start, horizon, every)
 
     @classmethod
     def from_outcomes(
         cls,
-        outcomes: Any,
+        outcomes: object,
         *,
         start: npt.ArrayLike,
         discount: float,
@@ -269,18 +253,17 @@ class FiniteMDP(Frozen):
         start, discount, time_limit, states, actions
             As in :meth:`from_dense`.
         """
-        lists, *tables = read_outcomes(outcomes)
+        lists, pairs = listed_outcomes(outcomes)
         begins = start_distribution(start, len(lists))
         first = np.flatnonzero(begins).tolist()
         ends = terminal_states(lists, first) if terminal is None else np.asarray(terminal)
-        settings: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
-        settings["available"] = np.array([[bool(pair) for pair in row] for row in lists])
-        made = cls.one_row_a_pair(states, actions, *tables, terminal=ends, **settings)
+        spaces, horizon = (states, actions), (discount, time_limit)
+        made = cls._of_pairs(pairs, spaces, ends, begins, horizon)
         terminal_states(lists, first, made.terminal)  # checks the flags where both are given
         return made
 
     @classmethod
-    def from_sparse(cls, transition: Sequence[Any], reward: Any, **settings: Any) -> Self:
+    def from_sparse(cls, transition: Sequence[Any], reward: object, **settings: Any) -> Self:
         """Return the MDP of a matrix for each action, sparse or dense, as pymdptoolbox has them.
 
         Parameters
@@ -306,40 +289,13 @@ class FiniteMDP(Frozen):
         array([[ True,  True],
                [ True, False]])
         """
-        from scipy.sparse import issparse, vstack
-
-        listed = Sequence, np.ndarray
-        of_actions = [*map(_sparse, transition)] if isinstance(transition, listed) else []
-        n_states, n_actions = of_actions[0].shape[0] if of_actions else 0, len(of_actions)
-        square = [(n_states, n_states)] * n_actions
-        if not n_states or [matrix.shape for matrix in of_actions] != square:
-            raise TaskError(
-                "transition must be a matrix (S, S) for each action: got "
-                f"{[matrix.shape for matrix in of_actions] or brief(transition)}"
-            )
-        s, a = np.tile(np.arange(n_states), n_actions), np.repeat(np.arange(n_actions), n_states)
-        if isinstance(reward, listed) and any(
-            issparse(part) or np.ndim(part) == 2 for part in reward
-        ):
-            parts = [_sparse(part, "reward") for part in reward]
-            shape: Any = [part.shape for part in parts]
-            rewards = vstack(parts, format="csr") if shape == square else None
-        else:
-            table = numbers("reward", reward, TaskError)
-            fits = (shape := table.shape) in ((n_states,), (n_states, n_actions))
-            rewards = table[(s, a)[: table.ndim]] if fits else None
-        if rewards is None:
-            raise TaskError(
-                f"reward must have shape {(n_states,)} or {(n_states, n_actions)}, or a matrix "
-                f"{square[0]} for each action: got {shape}"
-            )
-        return cls.from_pairs(vstack(of_actions, format="csr"), rewards, s, a, **settings)
+        return cls.from_pairs(*sparse_pairs(transition, reward), **settings)
 
     @classmethod
     def from_pairs(
         cls,
-        transition: Any,
-        reward: Any,
+        transition: object,
+        reward: object,
         s_indices: npt.ArrayLike,
         a_indices: npt.ArrayLike,
         *,
@@ -381,60 +337,40 @@ class FiniteMDP(Frozen):
         >>> mdp.available.tolist(), mdp.reward[1, 0]
         ([[True, True], [True, False]], np.float64(10.0))
         """
-        p = _sparse(transition)
-        (n_rows, n_states), counts = p.shape, np.diff(p.indptr)
-        s = indices("s_indices", s_indices, n_states, TaskError)
-        most = max(n_rows, MOST_ACTIONS) if actions is None else actions.size
-        a = indices("a_indices", a_indices, most, TaskError)
-        if not (s.shape == a.shape == (n_rows,) and n_rows):
-            raise TaskError(
-                f"s_indices and a_indices must have shape {(n_rows,)}, an entry for each row of "
-                f"transition, at least one: got {s.shape} and {a.shape}"
-            )
-        row, column = np.repeat(np.arange(n_rows), counts), p.indices
-        if np.ndim(reward) == 2:
-            paid = _sparse(reward, "reward")
-            if paid.shape != p.shape:
-                raise TaskError(f"reward must have shape {p.shape}: got {paid.shape}")
-            rewards = np.asarray(paid[row, column]).ravel()
-        else:
-            of_rows = numbers("reward", reward, TaskError)
-            if of_rows.shape != (n_rows,):
-                raise TaskError(f"reward must have shape {(n_rows,)}: got {of_rows.shape}")
-            rewards = of_rows[row]
-        n_actions = int(a.max()) + 1 if actions is None else actions.size
-        rows, listed = np.zeros((n_states, n_actions), np.int64), np.zeros((n_states, n_actions))
-        np.add.at(listed, (s, a), 1)
-        if listed.max() > 1:
-            state, action = np.argwhere(listed > 1)[0]
-            raise TaskError(
-                f"a pair must have one row: state {state}, action {action} has "
-                f"{int(listed[state, action])}"
-            )
-        rows[s, a], listed[s, a] = np.arange(n_rows), counts > 0
-        place, width = np.arange(len(row)) - p.indptr[row], max(1, int(counts.max()))
-        outcomes = np.zeros((3, n_rows, width))
-        for table, values in zip(outcomes, (p.data, column, rewards), strict=True):
-            table[row, place] = values
+        pairs = listed_pairs(transition, reward, s_indices, a_indices, actions)
+        ends = np.zeros(pairs.shape[0], np.bool_) if terminal is None else np.asarray(terminal)
+        return cls._of_pairs(pairs, (states, actions), ends, start, (discount, time_limit))
+
+    @classmethod
+    def _of_pairs(
+        cls,
+        pairs: Pairs,
+        spaces: tuple[Space | None, Space | None],
+        terminal: npt.NDArray[Any],
+        start: npt.ArrayLike,
+        horizon: tuple[float, int | None],
+        available: Any = None,
+    ) -> Self:
+        """Return the MDP of pairs with their outcomes; by default those with any are available."""
+        n_states, n_actions = pairs.shape
+        states, actions = spaces
+        outcome_row, listed, tables = pairs.tables()
         return cls(
             states or Space([Component("state", n_states)]),
             actions or Space([Component("action", n_actions)]),
-            rows,
-            outcomes[0],
-            outcomes[1].astype(np.int64),
-            outcomes[2],
-            np.zeros(n_states, np.bool_) if terminal is None else np.asarray(terminal),
+            outcome_row,
+            *tables,
+            terminal,
             start_distribution(start, n_states),
-            discount,
-            time_limit,
-            listed > 0,
+            *horizon,
+            listed if available is None else available,
         )
 
     @classmethod
     def one_row_a_pair(
         cls,
-        states: Space | None,
-        actions: Space | None,
+        states: Space,
+        actions: Space,
         probability: Any,
         next_state: Any,
         reward: Any,
@@ -443,8 +379,8 @@ class FiniteMDP(Frozen):
         """Return the MDP in which every pair has an outcome row to itself; tables are (S, A, O)."""
         n_states, n_actions, width = probability.shape
         return cls(
-            states or Space([Component("state", n_states)]),
-            actions or Space([Component("action", n_actions)]),
+            states,
+            actions,
             np.arange(n_states * n_actions).reshape(n_states, n_actions),
             *(array.reshape(-1, width) for array in (probability, next_state, reward)),
             **settings,
@@ -516,7 +452,7 @@ def duplicated(values: Table, available: BoolArray | None) -> Table:
     return copied  # type: ignore[no-any-return]
 
 
-def available_actions(task: Any, states: IntArray | None = None) -> BoolArray | None:
+def available_actions(task: object, states: IntArray | None = None) -> BoolArray | None:
     """Return the available actions of n states, by default all, (n, A) bool; None where all are.
 
     A live task does not know them before it is played.
@@ -524,11 +460,11 @@ def available_actions(task: Any, states: IntArray | None = None) -> BoolArray | 
     rules: Any = generative_model(task)
     if hasattr(rules, "available_rows"):
         return rules.available_rows(states)  # type: ignore[no-any-return]
-    known: BoolArray | None = getattr(rules, "available", None)
-    return known if known is None or states is None else known[states]
+    listed: BoolArray | None = getattr(rules, "available", None)
+    return listed if listed is None or states is None else listed[states]
 
 
-def live_pairs(task: Any) -> BoolArray:
+def live_pairs(task: object) -> BoolArray:
     """Return the pairs of known live states with available actions, (S, A) bool."""
     rules, available = generative_model(task), available_actions(task)
     pairs = np.ones((rules.states.size, rules.actions.size), np.bool_)
@@ -536,7 +472,7 @@ def live_pairs(task: Any) -> BoolArray:
     return pairs if available is None else pairs & available
 
 
-def availability(task: Any) -> Any:
+def availability(task: object) -> Any:
     """Return the available actions for compiled code; None where all are, or none are known."""
     return getattr(generative_model(task).model, "available", None)
 
@@ -555,116 +491,6 @@ def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     return array
 
 
-def _sparse(matrix: Any, name: str = "transition") -> Any:
-    """Return a matrix in SciPy's compressed rows, without zeros; TaskError where it is none."""
-    from scipy.sparse import csr_matrix  # of which an index by arrays gives an array
-
-    try:
-        rows = csr_matrix(matrix, dtype=np.float64, copy=True)
-    except (TypeError, ValueError):
-        raise TaskError(f"{name} must be a matrix of numbers: got {brief(matrix)}") from None
-    rows.sum_duplicates()
-    rows.eliminate_zeros()
-    return rows
-
-
-def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
-    """Return the (S,) start distribution for a start state or a distribution."""
-    begins = np.asarray(start)
-    if begins.ndim == 0 and np.issubdtype(begins.dtype, np.integer):
-        if not 0 <= begins < n_states:
-            raise TaskError(f"the start state must lie in 0..{n_states - 1}: got {begins}")
-        return np.asarray(np.arange(n_states) == begins, dtype=np.float64)
-    if begins.shape != (n_states,):
-        raise TaskError(f"start must be a state or have shape ({n_states},): got {begins.shape}")
-    return begins.astype(np.float64)
-
-
-# -- outcome lists, the form of the tables of Gymnasium's toy-text tasks ---------------------------
-
-
-def read_outcomes(outcomes: Any) -> tuple[list[list[Any]], FloatArray, IntArray, FloatArray]:
-    """Return outcomes as lists, [state][action], and as p, s' and r, (S, A, O) each."""
-    try:
-        lists = [
-            [list(outcomes[s][a]) for a in range(len(outcomes[s]))] for s in range(len(outcomes))
-        ]
-    except (TypeError, IndexError):
-        raise TaskError(
-            f"outcomes must be lists, outcomes[state][action]: got {brief(outcomes)}"
-        ) from None
-    except KeyError as missing:
-        raise TaskError(
-            f"states and actions of outcome dicts must be numbered from 0: {missing} is missing"
-        ) from None
-    if not lists or not lists[0]:
-        raise TaskError(
-            "outcomes need at least one state, and one action in each (without outcomes if it is "
-            f"terminal): got {'no action in state 0' if lists else 'no state'}"
-        )
-    shape = len(lists), len(lists[0]), max(1, max(len(pair) for row in lists for pair in row))
-    p, successor, r = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(shape)
-    for s, row in enumerate(lists):
-        if len(row) != shape[1]:
-            raise TaskError(
-                f"every state must list the same number of actions: state {s} lists {len(row)}, "
-                f"state 0 lists {shape[1]}"
-            )
-        for a, pair in enumerate(row):
-            for o, outcome in enumerate(pair):
-                try:
-                    p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
-                    fits = len(outcome) in (3, 4) and outcome[1] == successor[s, a, o]
-                except (TypeError, ValueError, OverflowError, IndexError):
-                    fits = False
-                if not fits:
-                    raise TaskError(
-                        "an outcome must be (probability, next state, reward) and may have a "
-                        f"terminated flag: state {s}, action {a} has {brief(outcome)}"
-                    )
-    return lists, p, successor, r
-
-
-def terminal_states(
-    lists: list[list[Any]], first: list[int], given: BoolArray | None = None
-) -> BoolArray:
-    """Return the ``terminated`` flags of outcome lists as one flag for each state, as `given`."""
-    # Only states that can be reached from the `first` count: tables such as Taxi's also list
-    # impossible states, whose flags contradict the others.
-    flags = {} if given is None else dict(enumerate(given.tolist()))
-    met, known = list(first), set(first)
-    for s in met:  # which grows meanwhile
-        for a, pair in enumerate(lists[s]):
-            for outcome in pair:
-                if len(outcome) < 4 and given is None:
-                    raise TaskError(
-                        "outcomes need a terminated flag where no terminal array is given: state "
-                        f"{s}, action {a} has {outcome}"
-                    )
-                probability, reached, _, ended = (*outcome, flags.get(outcome[1]))[:4]
-                if probability == 0:
-                    continue
-                if not ended and reached not in known:
-                    known.add(reached)
-                    met.append(int(reached))
-                if flags.setdefault(reached, bool(ended)) != bool(ended):
-                    raise TaskError(
-                        "entering a state must end the episode always or never, as terminal has "
-                        f"it where it is given: state {reached} does both, at last from state {s}, "
-                        f"action {a}"
-                    )
-    return np.array([flags.get(s, False) for s in range(len(lists))])
-
-
-def number_of(reward: Any) -> float:
-    """Return a reward, alone or in an array, as a float; NaN where it is no number."""
-    try:
-        plain = reward.item() if isinstance(reward, np.ndarray) else reward
-        return np.nan if isinstance(plain, str | bytes) else float(plain)
-    except (TypeError, ValueError, OverflowError):
-        return np.nan
-
-
 def normalised(rows: FloatArray) -> FloatArray:
     """Return rows that sum to 1 within the rounding of float32 divided by their sums."""
     with np.errstate(over="ignore"):  # an infinite sum is left as it is, and refused
@@ -672,15 +498,6 @@ def normalised(rows: FloatArray) -> FloatArray:
     error = abs(sums - 1)
     rounded = (error > PROBABILITY_TOLERANCE) & (error <= SINGLE_PRECISION)
     return rows / np.where(rounded, sums, 1.0) if rounded.any() else rows
-
-
-def rows_in_use(
-    outcome_row: npt.NDArray[np.integer[Any]], terminal: BoolArray, n_rows: int
-) -> BoolArray:
-    """Return which outcome rows states name that are not terminal, (Y,) bool."""
-    used = np.zeros(n_rows, dtype=bool)
-    used[outcome_row[~terminal]] = True
-    return used
 
 
 def check_rows(
@@ -752,12 +569,12 @@ def generative_model(task: Any) -> GenerativeModel:
     return generative
 
 
-def has_tables(task: Any) -> bool:
+def has_tables(task: object) -> bool:
     """Return whether a task can be converted to tables (if they fit)."""
     return hasattr(type(task), "mdp") or "mdp" in getattr(task, "__dict__", {})
 
 
-def tables(task: Any) -> FiniteMDP:
+def tables(task: object) -> FiniteMDP:
     """Return the tables of a task, or raise TaskError with the probable intention."""
     mdp = getattr(task, "mdp", None)
     if isinstance(mdp, FiniteMDP):
@@ -782,66 +599,3 @@ def tables(task: Any) -> FiniteMDP:
 def same_task(task: Task, other: Task) -> bool:
     """Return whether two tasks are the same: one object, or equal values."""
     return task is other or task == other
-
-
-# -- the graph of a task's transitions -------------------------------------------------------------
-
-
-def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:
-    """Return where the edges of a graph of S states and Y rows (node S + y) begin and end."""
-    pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
-    if allowed is not None:
-        pairs &= allowed
-    state, (row, outcome) = np.nonzero(pairs)[0], np.nonzero(mdp.probability > 0)
-    rows = len(mdp.terminal) + mdp.outcome_row[pairs]
-    source = np.concatenate([state, len(mdp.terminal) + row])
-    return source, np.concatenate([rows, mdp.next_state[row, outcome]])
-
-
-def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
-    """Return which states the `allowed` actions can reach from the start, (S,) bool."""
-    # Imported here: every task needs this module, and the import takes a third of a second.
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import breadth_first_order
-
-    # One more node leads to all first states.
-    root, first = len(mdp.terminal) + len(mdp.probability), np.flatnonzero(mdp.start > 0)
-    source, target = edges_of(mdp, allowed)
-    source, target = np.append(source, np.full(len(first), root)), np.append(target, first)
-    graph = csr_array((np.ones(len(source), bool), (source, target)), shape=(root + 1, root + 1))
-    order = breadth_first_order(graph, root, return_predecessors=False)
-    return np.isin(np.arange(len(mdp.terminal)), order)
-
-
-def improper_states(mdp: Any) -> IntArray:
-    """Return the states from which some policy avoids all terminal states for ever."""
-    # The largest set whose states can stay in it. It is empty exactly if every policy ends with
-    # probability 1, is proper (Bertsekas, Tsitsiklis 1991).
-    staying = ~mdp.terminal
-    impossible = mdp.probability == 0
-    while True:
-        row_stays = (staying[mdp.next_state] | impossible).all(axis=1)
-        remains = staying & row_stays[mdp.outcome_row].any(axis=1)
-        if (remains == staying).all():
-            return np.flatnonzero(staying)
-        staying = remains
-
-
-def steps_to(
-    mdp: Any, goal: BoolArray, among: BoolArray | None = None, *, taken: BoolArray | None = None
-) -> FloatArray:
-    """Return the fewest steps to `goal`, (S,), or infinity where no way leads there.
-
-    A way leads only through the states `among`, (S,), and by the pairs `taken`, (S, A).
-    """
-    among = np.ones(len(goal), bool) if among is None else among
-    steps = np.where(goal & among, 0.0, np.inf)
-    while True:
-        after = np.where(mdp.probability > 0, steps[mdp.next_state], np.inf).min(axis=1)
-        ahead = after[mdp.outcome_row]
-        ahead = ahead if taken is None else np.where(taken, ahead, np.inf)
-        nearer = np.minimum(steps, 1 + ahead.min(axis=1))
-        nearer[~among] = np.inf
-        if (nearer == steps).all():
-            return steps
-        steps = nearer

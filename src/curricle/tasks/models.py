@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from numba.extending import overload
 from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray, frozen
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
+from curricle.tasks.graph import OutcomeTables
 from curricle.tasks.kernel import (
     INLINED,
     Overloaded,
@@ -35,7 +36,34 @@ REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
 LONGEST = 10**12  # steps that a time limit may have at most
 
 
-def check_horizon(task: Any) -> None:
+def number_of(reward: Any) -> float:
+    """Return a reward, alone or in an array, as a float; NaN where it is no number."""
+    try:
+        plain = reward.item() if isinstance(reward, np.ndarray) else reward
+        return np.nan if isinstance(plain, str | bytes) else float(plain)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
+
+
+class Timed(Protocol):
+    """What has a horizon: tasks of every kind."""
+
+    @property
+    def discount(self) -> float: ...  # noqa: D102
+    @property
+    def time_limit(self) -> int | None: ...  # noqa: D102
+
+
+class TaskParts(Timed, Protocol):
+    """What tasks with states have."""
+
+    @property
+    def states(self) -> Space: ...  # noqa: D102
+    @property
+    def actions(self) -> Space: ...  # noqa: D102
+
+
+def check_horizon(task: Timed) -> None:
     """Check a frozen task's discount and time limit, and make them a float and an int."""
     discount = number("discount", task.discount, TaskError, low=0, high=1)
     object.__setattr__(task, "discount", discount)
@@ -45,7 +73,7 @@ def check_horizon(task: Any) -> None:
         object.__setattr__(task, "time_limit", limit)
 
 
-def check_parts(task: Any, kind: str, *functions: str) -> None:
+def check_parts(task: TaskParts, kind: str, *functions: str) -> None:
     """Check the spaces, functions and horizon of a task without tables, `kind` of which it is."""
     instance("states", task.states, Space, TaskError)
     instance("actions", task.actions, Space, TaskError)
@@ -57,12 +85,12 @@ def check_parts(task: Any, kind: str, *functions: str) -> None:
         raise TaskError(f"a {kind} task with discount 1 needs a time limit, time_limit=: none set")
 
 
-def described(task: Any, *parts: str) -> str:
+def described(task: TaskParts, *parts: str) -> str:
     """Return a task as text: its kind, its sizes, further parts and its horizon."""
     sizes = counted(task.states.size, "state"), counted(task.actions.size, "action")
     limit = "no time limit" if task.time_limit is None else f"time limit {task.time_limit}"
-    known = ", ".join((*sizes, *parts, f"discount {task.discount:g}", limit))
-    return f"{type(task).__name__}({known})"
+    facts = ", ".join((*sizes, *parts, f"discount {task.discount:g}", limit))
+    return f"{type(task).__name__}({facts})"
 
 
 # -- what loops ask of every generative model ------------------------------------------------------
@@ -152,12 +180,12 @@ def drawn_among_available(available, n_actions, state, action, bits):
     count, n_actions, chosen = np.uint64(0), np.uint64(n_actions), np.uint64(action)
     for other in range(n_actions):
         count += np.uint64(is_available(available, state, other))
-    left = integers(splitmix64(~bits), count)
+    skipped = integers(splitmix64(~bits), count)
     for other in range(n_actions):
         if is_available(available, state, other):
-            if left == np.uint64(0):
+            if skipped == np.uint64(0):
                 chosen = other
-            left -= np.uint64(1)
+            skipped -= np.uint64(1)
     return chosen
 
 
@@ -238,11 +266,26 @@ def _table_step(model, state, action, bits):
     return next_state, model.reward[row, outcome], model.terminal[next_state]
 
 
+class TaskTables(OutcomeTables, Protocol):
+    """The tables of a task with what compiled loops draw by."""
+
+    @property
+    def actions(self) -> Space: ...  # noqa: D102
+    @property
+    def cumulative(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def reward(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def start_states(self) -> IntArray: ...  # noqa: D102
+    @property
+    def start_cumulative(self) -> FloatArray: ...  # noqa: D102
+
+
 LARGEST_WITH_ROW_PER_PAIR = 100_000
 """Outcomes (S x A x O) up to which every pair gets a row of its own: one read less a step."""
 
 
-def table_model(mdp: Any) -> Tables:
+def table_model(mdp: TaskTables) -> Tables:
     """Return the tables of a :class:`FiniteMDP` as a generative model."""
     rows = (mdp.outcome_row, mdp.probability, mdp.cumulative, mdp.next_state, mdp.reward)
     row_per_pair = mdp.outcome_row.size * mdp.probability.shape[1] <= LARGEST_WITH_ROW_PER_PAIR
@@ -274,7 +317,7 @@ def _deterministic_step(model, state, action, bits):
     return next_state, model.reward[pair], model.terminal[next_state]
 
 
-def learning_model(mdp: Any) -> Tables | DeterministicTables:
+def learning_model(mdp: TaskTables) -> Tables | DeterministicTables:
     """Return the generative model of a :class:`FiniteMDP` for learning: the fastest that fits."""
     tables = table_model(mdp)
     if not tables.row_per_pair or tables.next_state.shape[1] > 1:
@@ -330,10 +373,10 @@ def joint_landing(landing: CellArray, predators: int) -> CellArray:
 
 def predators_on_prey(n_cells: int, predators: int) -> npt.NDArray[np.int8]:
     """Return how many predators are on the prey's cell in each state, (C^(1 + k),) int8."""
-    there = np.eye(n_cells, dtype=np.int8)
+    same_cell = np.eye(n_cells, dtype=np.int8)
     count = np.zeros((n_cells, 1), dtype=np.int8)
     for _ in range(predators):
-        count = (count[:, :, None] + there[:, None, :]).reshape(n_cells, -1)
+        count = (count[:, :, None] + same_cell[:, None, :]).reshape(n_cells, -1)
     return frozen(count.ravel())
 
 
@@ -545,6 +588,14 @@ def _permitted_by_function(model, state, action, bits):
 
 
 failures.body(Functions)(lambda model: model.failure[0].by != 0)
+
+
+def has_users_code(model: object) -> bool:
+    """Return whether a model is of functions, or of a class, from outside this library.
+
+    Loops that they are compiled into are not kept on disk, as nothing tells when they change.
+    """
+    return isinstance(model, Functions) or not type(model).__module__.startswith("curricle.")
 
 
 @contextmanager

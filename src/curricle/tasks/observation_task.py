@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, is_dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import gymnasium
 import numpy as np
+import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from gymnasium.vector.utils import concatenate, create_empty_array
@@ -169,7 +170,7 @@ class ObservationTask:
         return f"ObservationTask({maker}, discount {self.discount:g}{limit}, {self.shapes})"
 
 
-def layers_of(environment: Any) -> list[Any]:
+def layers_of(environment: object) -> list[Any]:
     """Return an environment's wrappers from the outermost, and it itself last."""
     layers = [environment]
     while isinstance(layers[-1], gymnasium.Wrapper):
@@ -190,7 +191,7 @@ def _limit_of(environment: gymnasium.Env[Any, Any]) -> int | None:
     return min((int(limit) for limit in limits if limit is not None), default=None)
 
 
-def made_by(make: Any) -> str:
+def made_by(make: object) -> str:
     """Return the name of a maker of environments, the same in every process."""
     if isinstance(make, partial):
         arguments = [*map(repr, make.args)]
@@ -228,12 +229,12 @@ def _alike(left: Any, right: Any) -> bool:
     return bool(left == right)
 
 
-def stable_text(value: Any) -> str:
+def stable_text(value: object) -> str:
     """Return a space, or a function with arguments, as text that is the same in every process."""
     return re.sub(r" at 0x[0-9a-f]+", "", str(value))
 
 
-def plain_text(value: Any, within: tuple[Any, ...] = ()) -> str:
+def plain_text(value: object, within: tuple[Any, ...] = ()) -> str:
     """Return a value as text that is the same in every process and on every machine."""
     if isinstance(value, np.ndarray):
         text = repr(value)
@@ -264,9 +265,13 @@ def _of_any_process(text: str) -> str:
     return re.sub(parts, "", text)
 
 
-def is_observation_task(task: Any) -> bool:
+def is_observation_task(task: object) -> bool:
     """Return whether a task is seen through observations."""
     return isinstance(task, ObservationTask)
+
+
+Observations: TypeAlias = npt.NDArray[Any] | dict[str, npt.NDArray[Any]]
+"""n observations that a network reads, stacked along their first axis, by part if they have any."""
 
 
 def stack(space: gymnasium.Space[Any], observations: Sequence[Any]) -> Any:

@@ -348,9 +348,9 @@ def _around_prey(axis: IntArray, size: int, smaller: int, torus: bool) -> IntArr
 
 
 def _enough_predators(parameters: dict[str, Any]) -> str | None:
-    needed, there = parameters["capture"], parameters["predators"]
-    if isinstance(needed, int) and needed > there:
-        return f"capture of pursuit must be at most the number of predators, {there}"
+    needed, predators = parameters["capture"], parameters["predators"]
+    if isinstance(needed, int) and needed > predators:
+        return f"capture of pursuit must be at most the number of predators, {predators}"
     return None
 
 

@@ -6,26 +6,22 @@ from itertools import product
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.arrays import BoolArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
-    MOVES,
-    Cell,
     Discount,
     GridDomain,
     MapDomain,
     MapStart,
     TimeLimit,
-    cell_of,
     family_of,
-    in_proportion,
     numbered_names,
-    part_of,
 )
 from curricle.tasks.family import FamilyMember, Rule
+from curricle.tasks.grid import MOVES, Grid, cell_of, in_proportion, part_of
+from curricle.tasks.layout import Cell
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Decoded, Space
 
@@ -82,7 +78,6 @@ class FourRooms(GridDomain):
 
     OBJECTS: ClassVar = {"G": "goal"}
     ENDS = "G"
-    LISTED = True
 
     def _check(self) -> None:
         for name in ("rows", "columns"):
@@ -92,12 +87,12 @@ class FourRooms(GridDomain):
             rule = f"one of the hallways {', '.join(map(repr, MOVES))}, or a row and a column"
             object.__setattr__(self, "goal", cell_of("goal", self.goal, rule))
         row, column = self.goal_cell
-        if self._cell_space.encode(row=row, column=column) == MISSING:
+        if self.grid.space.encode(row=row, column=column) == MISSING:
             raise TaskError(f"the goal needs a free cell of the rooms: got ({row}, {column})")
         super()._check()
 
     def crop(
-        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
+        self, *, rows: tuple[int, int], columns: tuple[int, int], start: object = "uniform"
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in the same coordinates.
 
@@ -130,13 +125,9 @@ class FourRooms(GridDomain):
         """The rows and columns that the task has, half-open."""
         return self.rows or (0, self.size), self.columns or (0, self.size)
 
-    @property
-    def _corner(self) -> Cell:
-        (top, _), (left, _) = self._part
-        return top, left
-
     @cached_property
-    def _grid(self) -> npt.NDArray[np.str_]:
+    def grid(self) -> Grid:
+        """The cells of the part, and the goal."""
         half, (top, bottom), (left, right) = self.size // 2, *self._part
         plan = np.full((self.size, self.size), ".")
         plan[[0, -1]] = plan[:, [0, -1]] = plan[:, half] = "#"
@@ -152,12 +143,12 @@ class FourRooms(GridDomain):
                 f"a crop needs a free cell: rows {top}..{bottom} and columns {left}..{right} have "
                 "none"
             )
-        return part
+        return Grid(part, (top, left), listed=True)
 
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The rooms as tables: a row for each pair, O = the four ways that a move may go."""
-        to = self._landing()[:, None, :]
+        to = self.grid.landing()[:, None, :]
         return self._tables(
             np.where(np.eye(4, dtype=bool), 1 - self.slip, self.slip / 3),
             to,
@@ -283,7 +274,7 @@ class KeyLockPit(MapDomain):
     @cached_property
     def states(self) -> Space:
         """The agent's cell, which keys it holds and which locks are open."""
-        axes = [*self._cell_space.components]
+        axes = [*self.grid.space.components]
         for kind, cells, labels in (
             ("key", self._keys, ("lying", "held")),
             ("lock", self._locks, ("locked", "open")),
@@ -301,22 +292,22 @@ class KeyLockPit(MapDomain):
     def _cell(self) -> IntArray:
         """The number of the agent's cell in each state, (S,)."""
         row, column = self.states.points[:, :2].T
-        return self._cell_space.encode(row=row, column=column)
+        return self.grid.space.encode(row=row, column=column)
 
     @cached_property
     def _keys(self) -> IntArray:
-        return self.cells[self._holds("K")]
+        return self.cells[self.grid.holds("K")]
 
     @cached_property
     def _locks(self) -> IntArray:
-        return self.cells[self._holds("L")]
+        return self.cells[self.grid.holds("L")]
 
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The task as tables: a row for entering each state by a move, one for using its object."""
         states, values, here = self.states, self.states.decode(), np.arange(self.states.size)
         inventory = {name: values[name][:, None] for name in states.names[2:]}
-        row, column = self.cells[self._landing()[self._cell]].transpose(2, 0, 1)
+        row, column = self.cells[self.grid.landing()[self._cell]].transpose(2, 0, 1)
         entered = states.encode(row=row, column=column, **inventory)
         entered = np.where(entered == MISSING, here[:, None], entered)  # of states that ended
         used, paid = here.copy(), np.full(len(here), self.step_reward)
@@ -341,7 +332,7 @@ class KeyLockPit(MapDomain):
     @property
     def _fallen(self) -> BoolArray:
         """Whether the agent is in a pit, (S,) bool."""
-        return self._holds("P")[self._cell]
+        return self.grid.holds("P")[self._cell]
 
     @property
     def _ends(self) -> BoolArray:

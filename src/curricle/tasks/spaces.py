@@ -305,7 +305,7 @@ class Space(Frozen):
         return f"Space({counted(self.size, 'point')}: {parts}{more})"
 
 
-def _records(rows: Any) -> npt.NDArray[np.void]:
+def _records(rows: object) -> npt.NDArray[np.void]:
     """View an (n, C) int64 array as n comparable records (big-endian bytes sort like numbers)."""
     shifted = np.ascontiguousarray(rows, dtype=">i8")
     return shifted.view(np.dtype((np.void, shifted.shape[1] * 8))).ravel()

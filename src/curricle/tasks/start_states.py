@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import indices, numbers, whole_number
-from curricle.display import pictured
 from curricle.errors import TaskError
-from curricle.tasks.mdp import FiniteMDP, reachable_states, rows_in_use, steps_to, tables
+from curricle.tasks.domain import GridDomain
+from curricle.tasks.graph import reachable_states, rows_in_use, steps_to
+from curricle.tasks.mdp import FiniteMDP, tables
 from curricle.tasks.spaces import MISSING, Space
 from curricle.text import counted
 
@@ -61,8 +62,6 @@ class TaskWithStart(Frozen):
     task: Any
     start: FloatArray  # (S,) the probability of starting in each state
 
-    _repr_html_ = pictured
-
     def __post_init__(self) -> None:
         numbers("start", self.start, TaskError)
         object.__setattr__(self, "start", adopted(self.start, np.float64))
@@ -101,7 +100,7 @@ class TaskWithStart(Frozen):
         return f"TaskWithStart({self.task!r}, {starts})"
 
 
-def with_start(task: Any, start: Any) -> Any:
+def with_start(task: object, start: object) -> Any:
     """Return the same task with episodes that start elsewhere; mappings fit both.
 
     Parameters
@@ -140,12 +139,12 @@ def with_start(task: Any, start: Any) -> Any:
         return base.start_from(distribution)
     positive = np.flatnonzero(distribution)
     equal = (distribution[positive] == distribution[positive[0]]).all()
-    if equal and hasattr(base, "start_in"):
+    if equal and isinstance(base, GridDomain) and base.states.size == len(base.cells):
         return base.start_in(positive)
     return TaskWithStart(base, distribution)
 
 
-def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
+def _distribution(mdp: FiniteMDP, start: object) -> FloatArray:
     """Return the start distribution that a description means, (S,) float64."""
     n_states, alive = len(mdp.terminal), ~mdp.terminal
     if isinstance(start, GoalDistance):
@@ -184,7 +183,7 @@ def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
     return chosen / np.count_nonzero(chosen)
 
 
-def goal_distance(task: Any, goal: Goal = None) -> IntArray:
+def goal_distance(task: object, goal: Goal = None) -> IntArray:
     """Return the fewest steps in which a policy can reach the goal, (S,) int64; -1 where none can.
 
     No way leads through a terminal state.
@@ -210,7 +209,7 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
     return np.where(np.isfinite(far), far, -1).astype(np.int64)
 
 
-def goal_states(task: Any, goal: Goal = None) -> BoolArray:
+def goal_states(task: object, goal: Goal = None) -> BoolArray:
     """Return which states are the goal, (S,) bool, for the parameters of goal_distance."""
     mdp = tables(task)
     n_states, states = len(mdp.terminal), np.asarray(goal)

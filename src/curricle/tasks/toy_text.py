@@ -5,42 +5,29 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.envs.toy_text.frozen_lake import MAPS, generate_random_map
 
 from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.tasks.domain import (
-    Cell,
-    CellDomain,
     Discount,
     Domain,
-    GridLayout,
+    GridDomain,
     MapDomain,
     MapStart,
     TimeLimit,
-    cell_space,
     family_of,
-    landing,
 )
 from curricle.tasks.family import ComponentsByName, Rule
+from curricle.tasks.grid import Grid, cell_space, landing
+from curricle.tasks.layout import Cell, GridLayout
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Space
 
 
-class _SlipperyDomain(CellDomain):
-    """A domain with a goal, in which moves may go to either side."""
-
-    slippery: Any
-
-    @property
-    def goal_states(self) -> BoolArray:
-        """Which states are the goal, (S,) bool."""
-        return self._holds("G")
-
-    def _slipping(self, to: IntArray) -> IntArray:
-        """Return where moves may land, (S, A, O): by the move before, the move, the move after."""
-        turns = (1, 0, -1) if self.slippery else (0,)
-        return np.stack([np.roll(to, turn, axis=1) for turn in turns], axis=2)
+def _slipping(to: IntArray, *, slippery: bool) -> IntArray:
+    """Return where moves may land, (S, A, O): by the move before, the move, the move after."""
+    turns = (1, 0, -1) if slippery else (0,)
+    return np.stack([np.roll(to, turn, axis=1) for turn in turns], axis=2)
 
 
 # -- frozen lakes ----------------------------------------------------------------------------------
@@ -52,7 +39,7 @@ LAKE_MOVES = {"west": (0, -1), "south": (1, 0), "east": (0, 1), "north": (-1, 0)
 
 
 @dataclass(frozen=True)
-class FrozenLake(MapDomain, _SlipperyDomain):
+class FrozenLake(MapDomain):
     """A lake of ice with holes, drawn as text; episodes end at the goal and in holes.
 
     Gymnasium's ``FrozenLake-v1`` (``toy_text/frozen_lake.py``). A move off the map stays where it
@@ -108,9 +95,10 @@ class FrozenLake(MapDomain, _SlipperyDomain):
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The lake as tables: on slippery ice O = to the one side, ahead, to the other side."""
-        entered = np.where(self.goal_states, self.goal_reward, self.step_reward)
-        entered = np.where(self._holds("H"), self.hole_reward, entered)
-        after, sides = self._slipping(self._landing(LAKE_MOVES)), (1 - self.success_rate) / 2
+        entered = np.where(self.grid.holds("G"), self.goal_reward, self.step_reward)
+        entered = np.where(self.grid.holds("H"), self.hole_reward, entered)
+        after = _slipping(self.grid.landing(LAKE_MOVES), slippery=self.slippery)
+        sides = (1 - self.success_rate) / 2
         return self._tables(
             [sides, self.success_rate, sides] if self.slippery else [1.0], after, entered[after]
         )
@@ -159,7 +147,7 @@ LARGEST_SIDE = 1000
 
 
 @dataclass(frozen=True)
-class CliffWalking(_SlipperyDomain):
+class CliffWalking(GridDomain):
     """A walk along a cliff, from the bottom left to the goal at the bottom right.
 
     Gymnasium's ``CliffWalking-v1`` (Sutton & Barto 2018, example 6.6). A step into the cliff leads
@@ -202,23 +190,24 @@ class CliffWalking(_SlipperyDomain):
         return ROWS - self.rows, COLUMNS - self.columns
 
     @cached_property
-    def _grid(self) -> npt.NDArray[np.str_]:
-        grid = np.full((self.rows, self.columns), ".")
-        grid[-1] = ["S", *"C" * (self.columns - 2), "G"]
-        return grid
+    def grid(self) -> Grid:
+        """The cells, and the cliff and the goal in the last row."""
+        drawn = np.full((self.rows, self.columns), ".")
+        drawn[-1] = ["S", *"C" * (self.columns - 2), "G"]
+        return Grid(drawn, self.origin)
 
     @property
     def _standing(self) -> BoolArray:
-        return ~self._holds("CG")
+        return ~self.grid.holds("CG")
 
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The walk as tables: on slippery ground O = to the one side, ahead, to the other side."""
-        after = self._slipping(self._landing())
-        fallen = self._holds("C")[after]
+        after = _slipping(self.grid.landing(), slippery=self.slippery)
+        fallen = self.grid.holds("C")[after]
         return self._tables(
             1 / after.shape[2],
-            np.where(fallen, self._holds("S").argmax(), after),
+            np.where(fallen, self.grid.holds("S").argmax(), after),
             np.where(fallen, self.cliff_reward, self.step_reward),
         )
 
@@ -321,13 +310,13 @@ class Taxi(Domain):
     @cached_property
     def landing(self) -> IntArray:
         """The cell that each move leads to from each cell, (size^2, 4) int64."""
-        here = np.arange(self.size**2)[:, None]
+        cell = np.arange(self.size**2)[:, None]
         to = landing(cell_space(self.size, self.size), TAXI_MOVES)
-        to = np.where(to == MISSING, here, to)
+        to = np.where(to == MISSING, cell, to)
         sideways = np.array([right != 0 for _, right in TAXI_MOVES.values()])
         # A wall stands to the east of the more western of the two cells.
-        blocked = sideways & self.wall_cells.ravel()[np.minimum(here, to)]
-        return frozen(np.where(blocked, here, to))
+        blocked = sideways & self.wall_cells.ravel()[np.minimum(cell, to)]
+        return frozen(np.where(blocked, cell, to))
 
     @cached_property
     def mdp(self) -> FiniteMDP:

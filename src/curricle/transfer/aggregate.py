@@ -43,8 +43,8 @@ def mean(potentials: FloatArray) -> FloatArray:
     >>> mean(np.array([[[1.0, 5.0]], [[3.0, np.nan]]]))
     array([[2., 5.]])
     """
-    known = np.count_nonzero(~np.isnan(_checked(potentials)), axis=0)
-    return np.asarray(total(potentials) / np.maximum(known, 1))
+    counts = np.count_nonzero(~np.isnan(_checked(potentials)), axis=0)
+    return np.asarray(total(potentials) / np.maximum(counts, 1))
 
 
 def maximum(potentials: FloatArray) -> FloatArray:
@@ -70,8 +70,8 @@ def total(potentials: FloatArray) -> FloatArray:
     unknown = np.isnan(potentials)
     if not unknown.any():
         return np.asarray(potentials.sum(axis=0))
-    known = np.where(unknown, 0.0, potentials).sum(axis=0)
-    return np.where(unknown.all(axis=0), np.nan, known)
+    sums = np.where(unknown, 0.0, potentials).sum(axis=0)
+    return np.where(unknown.all(axis=0), np.nan, sums)
 
 
 class BuiltIn(NamedTuple):
@@ -96,7 +96,7 @@ COMPARED = (minimum, mean, maximum, total)
 def built_in(function: Aggregate) -> BuiltIn | None:
     """Return the entry of an aggregate in ``BUILT_IN``; None for any other function."""
     # Compared by identity: an aggregate may be any callable object, even without a hash.
-    return next((known for known in BUILT_IN.values() if known.function is function), None)
+    return next((entry for entry in BUILT_IN.values() if entry.function is function), None)
 
 
 def _checked(values: FloatArray) -> FloatArray:
@@ -139,9 +139,9 @@ def aggregate(
 
 def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float:
     """Return the aggregate of N finite numbers, as :func:`aggregate` does for one pair."""
-    known = built_in(function)
-    if known is not None and known.of_numbers is not None:
-        result = known.of_numbers(potentials)
+    entry = built_in(function)
+    if entry is not None and entry.of_numbers is not None:
+        result = entry.of_numbers(potentials)
         if math.isfinite(result):
             return result
     return float(aggregate(function, np.array(potentials).reshape(-1, 1, 1))[0, 0])

@@ -1,27 +1,25 @@
-"""Mappings by components: the identity, by names (paper E7), by position, all assignments."""
+"""Mappings by components: the identity, by names (paper E7), by position."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from math import prod
 from typing import Any, overload
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 
-from curricle.arrays import BoolArray, IntArray
+from curricle.arrays import IntArray
 from curricle.checks import brief, instance, one_of
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import FiniteMDP, Task, generative_model, live_pairs, tables
+from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import ObservationTask, stable_text
 from curricle.tasks.spaces import MISSING, Component, Space
-from curricle.text import brief_repr
 from curricle.transfer.mapping import (
     ObservationMapping,
+    PairMapping,
     StateActionMapping,
     TaskMapping,
     check_unmapped_value,
@@ -35,7 +33,8 @@ UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
 """Treatment of values that the source lacks -> its description."""
 
 
-class ComponentMapping(StateActionMapping):
+@dataclass(frozen=True, eq=False, repr=False)
+class ComponentMapping(PairMapping):
     """A mapping by names of components; :func:`project` makes it.
 
     It suits targets of any size: learning reads the source through :meth:`lookups`, and the index
@@ -50,38 +49,29 @@ class ComponentMapping(StateActionMapping):
     ComponentMapping(prey=prey, predator=predator_4)
     """
 
-    renaming: dict[str, str]
-    unequal: Unequal
+    target: Task
+    source: Task
+    renaming: Mapping[str, str]
+    unmapped_value: float | None = None
+    unequal: Unequal = "unmapped"
+    knows_target: bool = False
 
-    def __init__(
-        self,
-        target: Task,
-        source: Task,
-        renaming: dict[str, str],
-        unmapped_value: float | None = None,
-        unequal: Unequal = "unmapped",
-        knows_target: bool = False,
-    ):
+    def __post_init__(self) -> None:
+        target, source = self.target, self.source
         generative_model(target), generative_model(source)
-        one_of("unequal", unequal, ("unmapped", "clip", "scale"), MappingError)
-        check_unmapped_value(unmapped_value)
-        known = {*source.states.names, *source.actions.names}
-        for name in renaming:
-            if name not in known:
+        one_of("unequal", self.unequal, ("unmapped", "clip", "scale"), MappingError)
+        check_unmapped_value(self.unmapped_value)
+        names = {*source.states.names, *source.actions.names}
+        for name in self.renaming:
+            if name not in names:
                 raise MappingError(
-                    f"project names components of the source, {', '.join(sorted(known))}: got "
+                    f"project names components of the source, {', '.join(sorted(names))}: got "
                     f"{name!r}"
                 )
-        for ours, theirs in ((target.states, source.states), (target.actions, source.actions)):
-            for component in theirs.components:
-                _origin(ours, component, renaming)
-        vars(self).update(target=target, source=source, renaming=dict(renaming))
-        vars(self).update(unmapped_value=unmapped_value, unequal=unequal, knows_target=knows_target)
-
-    def __reduce__(self) -> Any:
-        """Pickle the names that make the mapping, without an index array."""
-        read = self.renaming, self.unmapped_value, self.unequal
-        return ComponentMapping, (self.target, self.source, *read, self.knows_target)
+        for space, other in ((target.states, source.states), (target.actions, source.actions)):
+            for component in other.components:
+                _origin(space, component, self.renaming)
+        object.__setattr__(self, "renaming", dict(self.renaming))
 
     @property
     def _read(self) -> dict[str, str]:
@@ -103,13 +93,8 @@ class ComponentMapping(StateActionMapping):
         """The names that make the mapping."""
         return repr(self), self.unmapped_value
 
-    def with_unmapped_value(self, value: float) -> "ComponentMapping":
-        """Return the same mapping with another value for unmapped pairs."""
-        read = self.renaming, value, self.unequal
-        return ComponentMapping(self.target, self.source, *read, self.knows_target)
-
     @cached_property
-    def index(self) -> IntArray:
+    def index(self) -> IntArray:  # type: ignore[override]
         """The index array, (S, A) int64; MappingError for a target with too many pairs."""
         pairs = self.target.states.size * self.target.actions.size
         if pairs > LARGEST_INDEX:
@@ -183,8 +168,8 @@ def source_points(
     values, read = target.decode(), {}
     for component in source.components:
         origin = _origin(target, component, renaming)
-        known = _values_of(origin, component, unequal)
-        read[component.name] = known[values[origin.name] - origin.low]
+        counterparts = _values_of(origin, component, unequal)
+        read[component.name] = counterparts[values[origin.name] - origin.low]
     return source.encode(**read)
 
 
@@ -268,18 +253,17 @@ def _difference(kind: str, target: Space, source: Space) -> str:
     names, other_names = ", ".join(target.names), ", ".join(source.names)
     if len(target.components) != len(source.components):
         return f"the target's {kind} have {names}, the source's {other_names}"
-    for ours, theirs in zip(target.components, source.components, strict=True):
+    for part, other in zip(target.components, source.components, strict=True):
         target_range, source_range = (
-            f"{part.name}[{part.size}{f' from {part.low}' if part.low else ''}]"
-            for part in (ours, theirs)
+            f"{of.name}[{of.size}{f' from {of.low}' if of.low else ''}]" for of in (part, other)
         )
-        if (ours.size, ours.low) != (theirs.size, theirs.low):
+        if (part.size, part.low) != (other.size, other.low):
             return f"the target's {kind} have {target_range}, the source's {source_range}"
-        labels, other_labels = ours.labels or (), theirs.labels or ()
+        labels, other_labels = part.labels or (), other.labels or ()
         pairs = zip(labels, other_labels, strict=False)  # either may have none
-        if any(label != other and label in other_labels for label, other in pairs):
+        if any(label != another and label in other_labels for label, another in pairs):
             return (
-                f"values of {ours.name} are {', '.join(labels)} in the target and "
+                f"values of {part.name} are {', '.join(labels)} in the target and "
                 f"{', '.join(other_labels)} in the source"
             )
     if target.is_box and source.is_box:
@@ -293,7 +277,7 @@ def _difference(kind: str, target: Space, source: Space) -> str:
     )
 
 
-def check_same_observations(target: ObservationTask, source: Any) -> None:
+def check_same_observations(target: ObservationTask, source: object) -> None:
     """Raise MappingError if a source has observations of another shape."""
     if not isinstance(source, ObservationTask):
         return
@@ -443,93 +427,6 @@ def _check_mazes(mapping: str, target: Task, source: Task) -> None:
             raise MappingError(f"{mapping} maps a GridWorld to a GridWorld: the {role} is {task}")
 
 
-# -- every assignment of components ----------------------------------------------------------------
-
-MAX_ASSIGNMENTS = 10_000
-COMPARED = 5_000  # most state-action pairs of the target on which assignments are compared
-
-
-@dataclass(frozen=True, eq=False)
-class Projection:
-    """An assignment of target components to source components."""
-
-    states: dict[str, str]  # source component -> target component
-    actions: dict[str, str]
-    # Mean total variation distance, in [0, 1], between the next states of the source and those of
-    # the target read through the assignment; NaN if no pair is mapped.
-    error: float
-    mapping: StateActionMapping
-
-    __repr__ = brief_repr
-
-
-def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
-    """Return every assignment of target components to source components, best prediction first.
-
-    Rewards are not compared: two tasks with different rewards may have the same dynamics. The
-    prediction is compared on all state-action pairs of the target, or on 5,000 at random.
-
-    Raises
-    ------
-    MappingError
-        When there are more than 10,000 assignments.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
-    >>> for best in find_projections(hunt, chase)[:2]:
-    ...     print(best.states, best.actions, round(best.error, 2))
-    {'prey': 'prey', 'predator': 'predator_1'} {'predator': 'predator_1'} 0.0
-    {'prey': 'prey', 'predator': 'predator_2'} {'predator': 'predator_2'} 0.0
-    """
-    spaces = (target.states, source.states), (target.actions, source.actions)
-    n_assignments = prod(len(space.names) ** len(read.names) for space, read in spaces)
-    if n_assignments > MAX_ASSIGNMENTS:
-        raise MappingError(
-            f"a search may try at most {MAX_ASSIGNMENTS:,} assignments of components: these "
-            f"tasks have {n_assignments:,}"
-        )
-    mdp, source_mdp = tables(target), tables(source)
-    alive, source_pairs = np.flatnonzero(live_pairs(mdp)), live_pairs(source_mdp)
-    n_drawn = min(COMPARED, len(alive))
-    drawn = np.sort(np.random.default_rng(0).choice(alive, size=n_drawn, replace=False))
-    s, a = np.divmod(drawn, mdp.actions.size)
-    choices = [
-        product([c.name for c in space.components if not c.arbitrary], repeat=len(read.names))
-        for space, read in spaces
-    ]
-    projections = []
-    for state_names, action_names in product(*choices):
-        states = dict(zip(source.states.names, state_names, strict=True))
-        actions = dict(zip(source.actions.names, action_names, strict=True))
-        state = source_points(target.states, source.states, states)
-        action = source_points(target.actions, source.actions, actions)
-        mapped = (state[s] != MISSING) & (action[a] != MISSING)
-        mapped &= source_pairs[np.maximum(state[s], 0), np.maximum(action[a], 0)]
-        row = mdp.outcome_row[s[mapped], a[mapped]]
-        source_row = source_mdp.outcome_row[state[s[mapped]], action[a[mapped]]]
-        predicted = source_mdp, source_row, np.arange(source.states.size)
-        error = total_variation((mdp, row, state), predicted) if len(row) else float("nan")
-        mapping = pair_mapping(target, source, state[:, None], action).knowing_target()
-        projections.append(Projection(states, actions, error, mapping))
-    return tuple(sorted(projections, key=lambda tried: (np.isnan(tried.error), tried.error)))
-
-
-def total_variation(*rows_of: tuple[FiniteMDP, npt.NDArray[Any], npt.NDArray[Any]]) -> float:
-    """Return the mean total variation distance of the next states of n rows of two tasks.
-
-    The last arrays, (S,), number states; next states with equal numbers count as equal.
-    """
-    outcomes = [numbers[mdp.next_state[row]] for mdp, row, numbers in rows_of]
-    (p, q), joined = (mdp.probability[row] for mdp, row, _ in rows_of), np.hstack(outcomes)
-    masses = np.concatenate([p, -q], axis=1)
-    # Chances of equal outcomes are summed before the difference is taken.
-    same: BoolArray = joined[:, :, None] == joined[:, None, :]
-    totals = (same * masses[:, None, :]).sum(axis=2)
-    return float(((abs(totals) / same.sum(axis=2)).sum(axis=1) / 2).mean())
-
-
 # -- searches by name ------------------------------------------------------------------------------
 
 BY_NAME: dict[Unequal, str] = {
@@ -574,12 +471,12 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
     >>> [proposal.how for proposal in by_alignment(tasks)]
     ['components by name, last column aligned', 'components by name, last column aligned, clipped']
     """
-    ours, theirs = tasks.target.states, tasks.source.states
-    values = ours.decode()
+    target, source = tasks.target.states, tasks.source.states
+    values = target.decode()
     actions = source_points(tasks.target.actions, tasks.source.actions, {})
     unequal = []
-    for component in theirs.components:
-        origin = _origin(ours, component, {})
+    for component in source.components:
+        origin = _origin(target, component, {})
         same = (origin.size, origin.low) == (component.size, component.low)
         if not same and origin.labels is None:
             unequal.append(component.name)
@@ -588,16 +485,16 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
             f"ranges are aligned where 1 to {MOST_UNEQUAL} components differ: got {len(unequal)}"
         )
     for ends in product(("first", "last"), repeat=len(unequal)):
-        aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(theirs.names, 0)
+        aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(source.names, 0)
         for name, end in aligned.items():
-            there, here = theirs.component(name), ours.component(name)
-            offsets[name] = there.low - here.low if end == "first" else there.high - here.high
+            part, origin = source.component(name), target.component(name)
+            offsets[name] = part.low - origin.low if end == "first" else part.high - origin.high
         if set(ends) == {"first"} and not any(offsets.values()):
             continue  # :func:`by_name` yields this mapping
         read = {name: values[name] + offset for name, offset in offsets.items()}
-        inside = {c.name: np.clip(read[c.name], c.low, c.high) for c in theirs.components}
+        inside = {c.name: np.clip(read[c.name], c.low, c.high) for c in source.components}
         how = f"components by name, {' and '.join(f'{e} {name}' for name, e in aligned.items())}"
         for points, ending in ((read, "aligned"), (inside, "aligned, clipped")):
-            state = theirs.encode(**points)
+            state = source.encode(**points)
             index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
             yield tasks.proposal(index, f"{how} {ending}")

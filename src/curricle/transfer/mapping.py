@@ -5,8 +5,7 @@ A mapping maps batches: numbers of states by an index array, observations by fun
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from copy import copy
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
@@ -14,11 +13,9 @@ from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import batch_space, iterate
-from markupsafe import Markup
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import brief, instance, number, numbers
-from curricle.display import block, printed, table
 from curricle.errors import MappingError, PotentialError
 from curricle.tasks.mdp import (
     Task,
@@ -35,7 +32,7 @@ from curricle.tasks.observation_task import (
     shapes_of,
 )
 from curricle.tasks.spaces import MISSING, Decoded
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr, counted, printed
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
@@ -193,12 +190,72 @@ class TaskMapping(ABC):
         """Whether the pairs of both tasks are numbered and few enough to count."""
         return False
 
-    def _repr_html_(self) -> str:
-        return block(repr(self))
+
+class PairMapping(Frozen, TaskMapping):
+    """A mapping of target pairs (s, a) to source pairs: each reads the pair of its `index`."""
+
+    target: Task
+    source: Task
+    index: IntArray  # (S, A), as in :class:`StateActionMapping`
+
+    def read(
+        self, source_values: npt.ArrayLike, scale: float = 1.0, shift: float = 0.0
+    ) -> FloatArray:
+        """Return phi(s, a) = scale Q_source(f(s, a)) + shift, (..., S', A') -> (..., S, A) float64.
+
+        phi is `shift` where ended, and `unmapped_value` or NaN where unmapped.
+        """
+        q = numbers("source_values", source_values, MappingError)
+        expected = (self.source.states.size, self.source.actions.size)
+        if q.shape[-2:] != expected:
+            raise MappingError(
+                f"source values must end in the source's shape {expected}: got {q.shape}"
+            )
+        values = q.reshape(*q.shape[:-2], -1)[..., np.maximum(self.index, 0)]
+        return transferred(values, self.index, self.unmapped_value, scale, shift)
+
+    def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
+        """Return phi(s, a) of the states with these numbers, (n, A) float64, as :meth:`read`."""
+        index = self.index[batch]
+        state, action = np.divmod(np.maximum(index, 0), self.source.actions.size)
+        q = values.q(state.ravel(), action.ravel()).reshape(index.shape)
+        return transferred(q, index, self.unmapped_value, scale, shift)
+
+    def with_unmapped_value(self, value: float) -> Self:
+        """Return the same mapping with another value of unmapped pairs."""
+        return replace(self, unmapped_value=value)  # type: ignore[type-var]
+
+    def knowing_target(self) -> Self:
+        """Return the same mapping, marked as found by a search in the target's model."""
+        return replace(self, knows_target=True)  # type: ignore[type-var]
+
+    @property
+    def countable(self) -> bool:
+        """Whether both tasks have few enough pairs for coverage to be counted."""
+        models = map(generative_model, (self.target, self.source))
+        return all(task.states.size * task.actions.size <= LARGEST_COVERAGE for task in models)
+
+    def coverage(self) -> "Coverage":
+        """Return how much of the target is mapped, and how much of the source is read."""
+        index, available = self.index[live_pairs(self.target)], live_pairs(self.source).ravel()
+        readers = np.bincount(index[index >= 0], minlength=available.size)
+        used = readers[readers > 0]
+        return Coverage.of(
+            index,
+            index.size,
+            source_pairs=int(available.sum()),
+            never_used=int((available & (readers == 0)).sum()),
+            most_readers=int(readers.max()),
+            mean_readers=float(used.mean()) if used.size else 0.0,
+        )
+
+    def mapped_states(self) -> BoolArray:
+        """Return which target states have at least one mapped pair, (S,) bool."""
+        return np.asarray((self.index >= 0).any(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
-class StateActionMapping(Frozen, TaskMapping):
+class StateActionMapping(PairMapping):
     """A mapping of target pairs (s, a) to source pairs, as an index array.
 
     Parameters
@@ -273,32 +330,9 @@ class StateActionMapping(Frozen, TaskMapping):
             )
         available = available_actions(self.source)
         if available is not None:
-            known = (index < 0) | available.ravel()[np.maximum(index, 0)]
-            index = np.where(known, index, UNMAPPED)
+            readable = (index < 0) | available.ravel()[np.maximum(index, 0)]
+            index = np.where(readable, index, UNMAPPED)
         object.__setattr__(self, "index", frozen(index))
-
-    def read(
-        self, source_values: npt.ArrayLike, scale: float = 1.0, shift: float = 0.0
-    ) -> FloatArray:
-        """Return phi(s, a) = scale Q_source(f(s, a)) + shift, (..., S', A') -> (..., S, A) float64.
-
-        phi is `shift` where ended, and `unmapped_value` or NaN where unmapped.
-        """
-        q = numbers("source_values", source_values, MappingError)
-        expected = (self.source.states.size, self.source.actions.size)
-        if q.shape[-2:] != expected:
-            raise MappingError(
-                f"source values must end in the source's shape {expected}: got {q.shape}"
-            )
-        values = q.reshape(*q.shape[:-2], -1)[..., np.maximum(self.index, 0)]
-        return transferred(values, self.index, self.unmapped_value, scale, shift)
-
-    def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
-        """Return phi(s, a) of the states with these numbers, (n, A) float64, as :meth:`read`."""
-        index = self.index[batch]
-        state, action = np.divmod(np.maximum(index, 0), self.source.actions.size)
-        q = values.q(state.ravel(), action.ravel()).reshape(index.shape)
-        return transferred(q, index, self.unmapped_value, scale, shift)
 
     @property
     def description(self) -> str:
@@ -310,48 +344,9 @@ class StateActionMapping(Frozen, TaskMapping):
         """The numbers that make the mapping."""
         return self.index.shape, self.index.tobytes(), self.unmapped_value
 
-    @property
-    def countable(self) -> bool:
-        """Whether both tasks have few enough pairs for coverage to be counted."""
-        models = map(generative_model, (self.target, self.source))
-        return all(task.states.size * task.actions.size <= LARGEST_COVERAGE for task in models)
-
-    def with_unmapped_value(self, value: float) -> "StateActionMapping":
-        """Return the same mapping with another value of unmapped pairs."""
-        return replace(self, unmapped_value=value)
-
-    def knowing_target(self) -> Self:
-        """Return the same mapping, marked as found by a search in the target's model."""
-        same = copy(self)
-        vars(same)["knows_target"] = True
-        return same
-
     def __repr__(self) -> str:
         mapped = int((self.index >= 0).sum())
         return f"{type(self).__name__}({mapped:,} of {self.index.size:,} pairs mapped)"
-
-    def _repr_html_(self) -> str:
-        return block(repr(self), self.countable and coverage_table({"": self.coverage()}))
-
-    def coverage(self) -> "Coverage":
-        """Return how much of the target is mapped, and how much of the source is read."""
-        index, available = self.index[live_pairs(self.target)], live_pairs(self.source).ravel()
-        readers = np.bincount(index[index >= 0], minlength=available.size)
-        used = readers[readers > 0]
-        return Coverage(
-            target_pairs=index.size,
-            mapped=float((index >= 0).mean()),
-            ended=float((index == ENDED).mean()),
-            unmapped=float((index == UNMAPPED).mean()),
-            source_pairs=int(available.sum()),
-            never_used=int((available & (readers == 0)).sum()),
-            most_readers=int(readers.max()),
-            mean_readers=float(used.mean()) if used.size else 0.0,
-        )
-
-    def mapped_states(self) -> BoolArray:
-        """Return which target states have at least one mapped pair, (S,) bool."""
-        return np.asarray((self.index >= 0).any(axis=1))
 
 
 def rescale(values: FloatArray, scale: float, shift: float) -> FloatArray:
@@ -457,7 +452,7 @@ class _Components(dict[str, IntArray]):
         )
 
 
-def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
+def compose(first: PairMapping, second: PairMapping) -> StateActionMapping:
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
     The source of `first` must be the target of `second`, else MappingError. Pairs that `first` or
@@ -654,7 +649,7 @@ class ObservationMapping(TaskMapping):
         counterparts, status = self._counterparts(observations)
         return self._transferred("V", values.v(counterparts), status, scale, shift)
 
-    def coverage(self, observations: Any) -> "ObservationCoverage":
+    def coverage(self, observations: Any) -> "Coverage":
         """Return how much of a sample of n stacked observations is mapped."""
         counterparts, status = self._counterparts(observations)
         n = batch_size(observations)
@@ -668,13 +663,7 @@ class ObservationMapping(TaskMapping):
             space = self.source.observations
             inside = [*map(space.contains, iterate(batch_space(space, n), counterparts))]
             outside = 1.0 - float(np.mean(np.asarray(inside)[mapped]))
-        return ObservationCoverage(
-            observations=n,
-            mapped=float((index >= 0).mean()),
-            ended=float((index == ENDED).mean()),
-            unmapped=float((index == UNMAPPED).mean()),
-            outside=outside,
-        )
+        return Coverage.of(index, n, outside=outside)
 
     def _counterparts(self, observations: Any) -> tuple[Any, IntArray | None]:
         """Return the counterparts of observations, and their status: None if all are mapped."""
@@ -740,9 +729,9 @@ class ObservationMapping(TaskMapping):
         finite = np.isfinite(values)
         if status is None and finite.all():  # most often, and quick
             return rescale(values, scale, shift)
-        known = finite | np.isneginf(values)  # -inf where an action is not available
-        if not known.all():
-            place = np.argwhere(~known)[0]
+        allowed = finite | np.isneginf(values)  # -inf where an action is not available
+        if not allowed.all():
+            place = np.argwhere(~allowed)[0]
             raise MappingError(
                 f"a source's values must be finite: {name} is {values[tuple(place)]} at the "
                 f"counterpart of observation {place[0]}"
@@ -770,64 +759,43 @@ LARGEST_COVERAGE = 5_000_000  # coverage is counted if neither task has more pai
 
 @dataclass(frozen=True)
 class Coverage:
-    """Coverage of a mapping between tasks with numbered states; shares sum to 1."""
+    """How much of a target a mapping covers; the shares sum to 1."""
 
-    target_pairs: int  # target pairs (s, a), s not terminal
-    mapped: float  # share of target pairs that read a source pair
-    ended: float  # share of target pairs that read a terminal source state, of value 0
-    unmapped: float  # share of target pairs without a counterpart
-    source_pairs: int  # source pairs (s, a), s not terminal
-    never_used: int  # source pairs that no target pair reads
-    most_readers: int  # most target pairs that read the same source pair
-    mean_readers: float  # mean target pairs that read a source pair, over those that are read
-
-    _repr_html_ = printed
-
-    def __str__(self) -> str:
-        return (
-            f"{self.mapped:.1%} of {counted(self.target_pairs, 'target pair')} mapped, "
-            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped; "
-            f"{self.source_pairs - self.never_used:,} of "
-            f"{counted(self.source_pairs, 'source pair')} are read, by "
-            f"{self.mean_readers:.1f} target pairs on average and {self.most_readers:,} at most"
-        )
-
-
-@dataclass(frozen=True)
-class ObservationCoverage:
-    """Coverage of a mapping over a sample of observations; shares sum to 1."""
-
-    observations: int
-    mapped: float  # of all pairs (s, a)
-    ended: float
-    unmapped: float
+    size: int  # target pairs (s, a), s not terminal; or observations of a sample
+    mapped: float  # share of pairs that read a source pair
+    ended: float  # share of pairs that read a terminal source state, of value 0
+    unmapped: float  # share of pairs without a counterpart
+    # Of tasks with numbered states; None of a sample of observations.
+    source_pairs: int | None = None  # source pairs (s, a), s not terminal
+    never_used: int = 0  # source pairs that no target pair reads
+    most_readers: int = 0  # most target pairs that read the same source pair
+    mean_readers: float = 0.0  # mean target pairs that read a source pair, over those that are read
     # Share of the mapped observations whose counterpart lies outside the source's space, where the
     # source's values are extrapolated; NaN if nothing is mapped, or the source has numbered states.
-    outside: float
+    outside: float = math.nan
 
     _repr_html_ = printed
 
+    @classmethod
+    def of(cls, index: IntArray, size: int, **counts: Any) -> Self:
+        """Return the coverage of pairs whose source pair, `UNMAPPED` or `ENDED` is `index`."""
+        mapped, ended = float((index >= 0).mean()), float((index == ENDED).mean())
+        return cls(size, mapped, ended, float((index == UNMAPPED).mean()), **counts)
+
     def __str__(self) -> str:
+        counts = counted(self.size, "target pair")
+        if self.source_pairs is None:
+            counts = f"the pairs of {counted(self.size, 'observation')}"
         text = (
-            f"{self.mapped:.1%} of the pairs of "
-            f"{counted(self.observations, 'observation')} mapped, "
-            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped"
+            f"{self.mapped:.1%} of {counts} mapped, {self.ended:.1%} at the source's end, "
+            f"{self.unmapped:.1%} unmapped"
         )
+        if self.source_pairs is not None:
+            return (
+                f"{text}; {self.source_pairs - self.never_used:,} of "
+                f"{counted(self.source_pairs, 'source pair')} are read, by "
+                f"{self.mean_readers:.1f} target pairs on average and {self.most_readers:,} at most"
+            )
         if math.isnan(self.outside):
             return text
         return f"{text}; {self.outside:.1%} of the counterparts outside the source's space"
-
-
-def coverage_table(covers: Mapping[str, Any]) -> Markup:
-    """Return a table of `covers`, name -> Coverage or ObservationCoverage."""
-    rows, counts = [], "pairs"
-    for name, cover in covers.items():
-        if isinstance(cover, Coverage):
-            size = cover.target_pairs
-        else:
-            size, counts = cover.observations, "observations"
-        shares = (f"{share:.1%}" for share in (cover.mapped, cover.ended, cover.unmapped))
-        rows.append((name, size, *shares))
-    head = ["mapping", counts, "mapped", "at the source's end", "unmapped"]
-    named = int(not any(covers))  # the column of names is left out if all are empty
-    return table(head[named:], [row[named:] for row in rows])

@@ -9,17 +9,10 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import SettingError
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
-from curricle.tasks.mdp import (
-    FiniteMDP,
-    Task,
-    closed,
-    duplicated,
-    live_pairs,
-    reachable_states,
-    tables,
-)
+from curricle.tasks.graph import reachable_states
+from curricle.tasks.mdp import FiniteMDP, Task, closed, duplicated, live_pairs, tables
 from curricle.text import brief_repr
-from curricle.transfer.mapping import UNMAPPED, StateActionMapping
+from curricle.transfer.mapping import UNMAPPED, PairMapping, StateActionMapping
 
 NOT_PROVEN = float("nan")
 ENDLESS = 1_000  # the horizon of a task with discount 1 and no time limit, in steps
@@ -140,6 +133,6 @@ class Proposal(NamedTuple):
     'by hand'
     """
 
-    mapping: StateActionMapping
+    mapping: PairMapping
     how: str  # how it was found
     bound: float = NOT_PROVEN  # as in :class:`FoundMapping`

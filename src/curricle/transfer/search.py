@@ -13,28 +13,28 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, whole_number
-from curricle.display import printed
 from curricle.errors import CurriculumError, MappingError, SettingError
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.tasks.mdp import Task, closed, has_tables, same_task, steps_to
+from curricle.tasks.graph import steps_to
+from curricle.tasks.mdp import FiniteMDP, Task, closed, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr, counted, shortened
+from curricle.text import brief_repr, counted, printed, shortened
 from curricle.transfer.bisimulation import (
     by_homomorphism,
-    by_lax_bisimulation,
     model_for_refinement,
     refined,
 )
-from curricle.transfer.by_components import by_alignment, by_name, total_variation
+from curricle.transfer.by_components import by_alignment, by_name
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,
     ObservationMapping,
-    StateActionMapping,
+    PairMapping,
     check_unmapped_value,
     terminal_states,
 )
@@ -93,7 +93,7 @@ class MappingScores:
 
 
 def score_mapping(
-    mapping: StateActionMapping, *, seed: int = 0, tasks: TaskPair | None = None
+    mapping: PairMapping, *, seed: int = 0, tasks: TaskPair | None = None
 ) -> MappingScores:
     """Return the scores of a mapping, from the tables of its tasks.
 
@@ -112,15 +112,15 @@ def score_mapping(
     phi = mapping.read(tasks.source_solution.action_values)
     inconsistency, unexplained = _bellman_inconsistency(phi, tasks)
     start_value, regained, regained_where_known = _greedy_values(phi, tasks)
-    known = ~np.isnan(phi[tasks.pairs])
+    has_phi = ~np.isnan(phi[tasks.pairs])
     excess = phi[tasks.pairs] - tasks.target_solution.finite_action_values[tasks.pairs]
     error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
     return MappingScores(
         dynamics_error=_dynamics_error(mapping, phi, tasks, seed),
         bellman_inconsistency=inconsistency,
         unexplained=unexplained,
-        coverage=float(known.mean()),
-        optimistic=float((excess[known] > error).mean()) if known.any() else NAN,
+        coverage=float(has_phi.mean()),
+        optimistic=float((excess[has_phi] > error).mean()) if has_phi.any() else NAN,
         start_value=start_value,
         regained=regained,
         regained_where_known=regained_where_known,
@@ -136,10 +136,10 @@ def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, flo
     after = np.where(mdp.probability > 0, mdp.probability * best[mdp.next_state], 0.0)
     expected = (mdp.probability * mdp.reward).sum(axis=1) + mdp.discount * after.sum(axis=1)
     expected, stated = expected[mdp.outcome_row][tasks.pairs], phi[tasks.pairs]
-    known = ~np.isnan(expected - stated)
-    if not known.any():
+    has_phi = ~np.isnan(expected - stated)
+    if not has_phi.any():
         return NAN, NAN
-    expected, stated = expected[known], stated[known]
+    expected, stated = expected[has_phi], stated[has_phi]
     inconsistency = float(abs(expected - stated).mean())
     by_constant = float(abs(expected - np.median(expected)).mean())
     return inconsistency, inconsistency / by_constant if by_constant > 0 else NAN
@@ -163,9 +163,7 @@ def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, floa
     return of_policy.start_value, share(tasks.judged), share(with_phi)
 
 
-def _dynamics_error(
-    mapping: StateActionMapping, phi: FloatArray, tasks: TaskPair, seed: int
-) -> float:
+def _dynamics_error(mapping: PairMapping, phi: FloatArray, tasks: TaskPair, seed: int) -> float:
     """Return the mean total variation distance between predicted and true next states."""
     mdp, source = tasks.target_mdp, tasks.source_mdp
     mapped = np.argwhere((mapping.index >= 0) & tasks.pairs)
@@ -179,13 +177,27 @@ def _dynamics_error(
     if tasks not in _BLOCKS:
         _BLOCKS[tasks] = refined([model_for_refinement(source)])[0].states
     block = np.where(terminal_states(source), 0, 1 + _BLOCKS[tasks])
-    known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
-    pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
+    read = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
+    pair = np.take_along_axis(mapping.index, read.argmax(axis=1)[:, None], axis=1)[:, 0]
     stands_for = np.where(pair >= 0, pair // mapping.source.actions.size, pair)  # (S,)
     after = np.where(stands_for >= 0, block[np.maximum(stands_for, 0)], -1)
     after[mdp.terminal | (stands_for == ENDED)] = 0
     row, source_row = mdp.outcome_row[s, a], source.outcome_row.ravel()[mapping.index[s, a]]
     return total_variation((mdp, row, after), (source, source_row, block))
+
+
+def total_variation(*rows_of: tuple[FiniteMDP, npt.NDArray[Any], npt.NDArray[Any]]) -> float:
+    """Return the mean total variation distance of the next states of n rows of two tasks.
+
+    The last arrays, (S,), number states; next states with equal numbers count as equal.
+    """
+    outcomes = [numbers[mdp.next_state[row]] for mdp, row, numbers in rows_of]
+    (p, q), joined = (mdp.probability[row] for mdp, row, _ in rows_of), np.hstack(outcomes)
+    masses = np.concatenate([p, -q], axis=1)
+    # Chances of equal outcomes are summed before the difference is taken.
+    same: BoolArray = joined[:, :, None] == joined[:, None, :]
+    totals = (same * masses[:, None, :]).sum(axis=2)
+    return float(((abs(totals) / same.sum(axis=2)).sum(axis=1) / 2).mean())
 
 
 # -- the value of unmapped pairs -------------------------------------------------------------------
@@ -211,7 +223,7 @@ def fitted_constant(stated: FloatArray, factor: FloatArray) -> float:
 
 
 def fitted_unmapped_value(
-    mapping: StateActionMapping,
+    mapping: PairMapping,
     *,
     scale: float = 1.0,
     shift: float = 0.0,
@@ -274,7 +286,7 @@ def _residuals(
 Search = Callable[[TaskPair], Iterable[Proposal]]
 """A search for mappings; it raises MappingError where it does not apply."""
 
-SEARCHES: tuple[Search, ...] = (by_name, by_alignment, by_homomorphism, by_lax_bisimulation)
+SEARCHES: tuple[Search, ...] = (by_name, by_alignment, by_homomorphism)
 LEAST_REGAINED = 0.25
 """Share of the way to the optimum that a mapping must regain in mapped states to be used unseen."""
 MOST_UNEXPLAINED = 0.75  # largest `unexplained` of a mapping to be used unseen
@@ -292,7 +304,7 @@ SAME = 1e-7  # largest difference of phi of equal mappings, in units of the larg
 class FoundMapping:
     """A mapping that a search found, with its scores."""
 
-    mapping: StateActionMapping
+    mapping: PairMapping
     how: str
     scores: MappingScores
     # A proven bound, in return units, on the difference between the Q* of a mapped pair, reachable
@@ -414,7 +426,7 @@ def proposed(
     unmapped_value: float | None,
     refused: dict[str, str],
     bars: Bars,
-) -> Iterator[tuple[StateActionMapping, str]]:
+) -> Iterator[tuple[PairMapping, str]]:
     """Yield the mappings of searches; write into `refused` why a search does not apply."""
     grow = bars.bar("searches", len(searches))
     for search in searches:

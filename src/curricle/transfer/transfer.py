@@ -9,51 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import FloatArray
-from curricle.checks import number, whole_number
-from curricle.display import block
-from curricle.errors import CurriculumError, SettingError
+from curricle.checks import number
+from curricle.errors import CurriculumError
 from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.text import brief_repr
 from curricle.transfer.mapping import TaskMapping
-
-CALIBRATION_EPISODES = 200  # default number of greedy episodes of a calibration
-CALIBRATION_SHARE = 20
-"""By default a calibration takes at most 1/20 of its target's budget: 5 %."""
-LARGEST_SHARE = 4  # a stated number of steps is cut to a quarter of that budget
-
-
-@dataclass(frozen=True)
-class Calibrate:
-    """The settings of a calibration, for ``Transfer(..., calibrate=...)``.
-
-    Parameters
-    ----------
-    episodes : int
-        Greedy episodes in the target, at most. Their steps are charged to the target.
-    max_steps : int, optional
-        Steps in the target after which the last episode is truncated. In a curriculum by default a
-        twentieth of the target's budget, and at most a quarter of it.
-
-    Examples
-    --------
-    >>> Calibrate(max_steps=5_000)
-    Calibrate(episodes=200, max_steps=5000)
-    """
-
-    episodes: int = CALIBRATION_EPISODES
-    max_steps: int | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("episodes", "max_steps"):
-            if (value := getattr(self, name)) is not None:
-                whole = whole_number(f"{name} of a calibration", value, 1, SettingError)
-                object.__setattr__(self, name, whole)
-
-    def within(self, steps: int, episodes: int) -> "Calibrate":
-        """Return the calibration for a target with a budget of `steps` and `episodes`."""
-        most = max(1, steps // (CALIBRATION_SHARE if self.max_steps is None else LARGEST_SHARE))
-        few = min(self.episodes, max(1, episodes // CALIBRATION_SHARE))
-        return Calibrate(few, most if self.max_steps is None else min(self.max_steps, most))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +30,6 @@ class Transfer:
     scale, shift : float
         Applied to mapped pairs and to ended pairs, whose value is 0. They do not change the
         optimal policy, but strongly affect learning.
-    calibrate : bool or Calibrate
-        Whether to fit the target's potential to the returns of its own greedy policy before the
-        target is learnt (:func:`calibrate`). Transfers into one task must agree.
 
     Raises
     ------
@@ -94,13 +51,8 @@ class Transfer:
     mapping: Any = None
     scale: float = 1.0
     shift: float = 0.0
-    calibrate: bool | Calibrate = False
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        title = f"{self.source} -> {self.target}, scale {self.scale:g}, shift {self.shift:g}"
-        return block(title) + ("" if self.mapping is None else self.mapping._repr_html_())
 
     def __post_init__(self) -> None:
         edge = f"{self.source} -> {self.target}"
@@ -112,17 +64,6 @@ class Transfer:
         largest = LARGEST_POTENTIAL
         number(f"scale of {edge}", self.scale, CurriculumError, -largest, largest)
         number(f"shift of {edge}", self.shift, CurriculumError, -largest, largest)
-        if not isinstance(self.calibrate, bool | Calibrate):
-            raise CurriculumError(
-                f"calibrate of {edge} must be True, False or a Calibrate: got {self.calibrate!r}"
-            )
-
-    @property
-    def calibration(self) -> Calibrate | None:
-        """The settings of the calibration; None without calibration."""
-        if isinstance(self.calibrate, Calibrate):
-            return self.calibrate
-        return Calibrate() if self.calibrate else None
 
     def potential(self, source_values: npt.ArrayLike) -> FloatArray:
         """Return phi_i, (..., S, A), for source values (..., S', A')."""
@@ -159,20 +100,19 @@ def transfer_words(transfer: Transfer) -> str:
     phrases = [transfer.mapping.description]
     if transfer.mapping.countable:
         cover, value = transfer.mapping.coverage(), transfer.mapping.unmapped_value
-        phrases.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
+        phrases.append(f"{cover.mapped:.0%} of {cover.size:,} pairs mapped")
         phrases += [f"{cover.ended:.0%} at the source's end"] if cover.ended else []
         stated = "nothing known" if value is None else f"potential {value:g}"
         phrases += [f"{cover.unmapped:.0%} unmapped ({stated})"] if cover.unmapped else []
     phrases += [f"scaled by {transfer.scale:g}"] if transfer.scale != 1 else []
     phrases += [f"shifted by {transfer.shift:g}"] if transfer.shift else []
     phrases += [FOUND] if transfer.mapping.knows_target else []
-    phrases += ["calibrated in the target"] if transfer.calibration is not None else []
     return "; ".join(phrases)
 
 
 def same_transfer(transfer: Transfer, other: Transfer) -> bool:
     """Return whether two transfers are the same."""
-    names = ("source", "target", "scale", "shift", "calibration")
+    names = ("source", "target", "scale", "shift")
     if any(getattr(transfer, name) != getattr(other, name) for name in names):
         return False
     mapping, other_mapping = transfer.mapping, other.mapping

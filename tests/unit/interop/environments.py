@@ -7,7 +7,7 @@ from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 
 import curricle as cr
 from curricle import GridWorld, Pursuit
-from tests.tasks import ring
+from tests.support.tasks import ring
 
 WALLED = GridWorld(["S.#T", "FP.."])
 CROP = GridWorld(["......", "S....T"]).crop(rows=(0, 2), columns=(3, 6))

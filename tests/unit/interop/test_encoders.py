@@ -18,7 +18,7 @@ from gymnasium.wrappers import (
 import curricle as cr
 from curricle.errors import TaskError
 from curricle.tasks.observation_task import EnvironmentMaker
-from tests.refusals import check_values
+from tests.support.refusals import check_values
 
 HALF = Box(-np.inf, np.inf, (4,), np.float32)
 

@@ -14,7 +14,7 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop import register
 from curricle.interop.gymnasium import to_gymnasium
 from curricle.tasks.mdp import generative_model
-from tests.refusals import check_values
+from tests.support.refusals import check_values
 
 from .environments import TASKS, WALLED
 

@@ -17,7 +17,7 @@ from curricle.interop.tabulated_task import assembled, parts_of
 from curricle.interop.tabulation import named_states, words_of_blocks
 from curricle.tasks.mdp import same_task
 from curricle.tasks.observation_task import EnvironmentMaker
-from tests.refusals import check_values
+from tests.support.refusals import check_values
 
 from .environments import TWO, Echo, Ring
 

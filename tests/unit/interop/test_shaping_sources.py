@@ -20,7 +20,7 @@ from curricle.tasks.observation_task import stack
 from curricle.transfer.aggregate import aggregate, aggregate_numbers
 from curricle.transfer.mapping import FunctionValues, TableValues
 from curricle.transfer.potential import ObservationPotential
-from tests.refusals import check_values
+from tests.support.refusals import check_values
 
 from .shaping import (
     DISCOUNT,
@@ -70,7 +70,7 @@ def mapped_potential():
     ]
     plan = cr.Curriculum({"chase": CHASE, "hunt": HUNT}, edges, budget=500)
     potential = plan.train().potentials["hunt"][0]
-    assert isinstance(potential, cr.transfer.MappedPotential)
+    assert isinstance(potential, cr.learning.MappedPotential)
     return potential
 
 
@@ -90,7 +90,7 @@ def test_components_number_the_states(layout, kind):
     potential = {
         "by pairs": pair_potential_of_hunt,
         "mapped": mapped_potential,
-        "the same everywhere but at the end": lambda: cr.transfer.MappedPotential(
+        "the same everywhere but at the end": lambda: cr.learning.MappedPotential(
             HUNT, no_sources(25, 5.0)
         ),
     }[kind]()

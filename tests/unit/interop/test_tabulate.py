@@ -16,8 +16,8 @@ from curricle.errors import MappingError, SettingError, TaskError
 from curricle.interop import DeepCopy, MiniGridState
 from curricle.interop.states import SaveAndRestore
 from curricle.transfer import UNMAPPED
-from tests.refusals import check_refusal, check_values
-from tests.worlds_to_tabulate import (
+from tests.support.refusals import check_refusal, check_values
+from tests.support.worlds_to_tabulate import (
     Corridor,
     Counting,
     Dark,

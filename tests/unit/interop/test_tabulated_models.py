@@ -7,7 +7,7 @@ import curricle as cr
 from curricle.errors import SettingError, TaskError
 from curricle.planning import visit_distribution
 from curricle.tasks import GoalDistance, with_start
-from tests.worlds_to_tabulate import Corridor
+from tests.support.worlds_to_tabulate import Corridor
 
 
 class Rule:

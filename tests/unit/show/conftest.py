@@ -47,10 +47,5 @@ def hunt(plan):
 
 
 @pytest.fixture(scope="package")
-def predicted(plan):
-    return cr.forecast(plan, seeds=2)
-
-
-@pytest.fixture(scope="package")
 def trained(plan):
     return plan.train(2)

@@ -5,10 +5,9 @@ from types import SimpleNamespace
 
 import curricle as cr
 from curricle.comparison.plan import PlannedArm
-from curricle.learning.stopping import ended_by
 from curricle.show import report as module
 from curricle.study.analysis import analysed, curricula_record
-from tests.tasks import predator_edges
+from tests.support.tasks import predator_edges
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $\\frac{a$ </script>"
@@ -18,7 +17,7 @@ ODD = "a <b>&\"' $\\frac{a$ </script>"
 def shown(results):
     """The record of results by arm, what their tasks learnt, and the analysis of it."""
     arms = {arm: PlannedArm(result.curriculum, {}) for arm, result in results.items()}
-    record = curricula_record(arms, {})
+    record = curricula_record(arms)
     return record, {arm: result.nodes for arm, result in results.items()}, analysed(results, record)
 
 
@@ -27,15 +26,13 @@ def study_page(name, comparison, results, *, decisions=None, environment=None):
     curricula, learnt, analysis = shown(results)
 
     def reasons(arm, task):
-        node, ended = learnt[arm][task], results[arm].curriculum.node(task)
-        rows = zip(ended.decisions(node), node.out_of_memory, strict=True)
-        default = [r[-1].criterion if r else ended_by(ended.budget, full) for r, full in rows]
+        default = learnt[arm][task].ended_by.tolist()
         return dict(enumerate((decisions or {}).get((arm, task), default)))
 
     run = {"file": "", "started": "", "commit": "", "python": "", "machine": ""}
     study = {"comparison": comparison, "analysis": analysis, "results": learnt, "failed": {}}
     study["record"] = SimpleNamespace(
-        name=name, only=lambda _: curricula, tuned=None, arms=curricula.arms
+        name=name, only=lambda _: curricula, tuned=None, arms=curricula.arms, variants={}
     )
     study["store"] = SimpleNamespace(has=lambda _: False)
     study |= {"ended_by": reasons, "seeds": range(comparison.seeds)}

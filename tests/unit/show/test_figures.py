@@ -11,18 +11,18 @@ from matplotlib.collections import FillBetweenPolyCollection, LineCollection
 from matplotlib.figure import Figure
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison, Reference, _lines
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.measures import Arm, Reference
 from curricle.errors import SettingError, TaskError
 from curricle.learning.result import ends_of
+from curricle.pictures.views import GridView
 from curricle.show.plots import (
     draw_comparison,
-    draw_forecast,
     draw_learning_curves,
     draw_potential,
     plot,
 )
 from curricle.show.style import digits_of, return_scale
-from curricle.show.views import GridView
 from curricle.statistics.curves import Curve
 from curricle.statistics.intervals import extremes
 from curricle.study.results import StudyResults
@@ -147,8 +147,6 @@ def test_bands_stay_within_possible_returns():
         mean = compared.mean_return("a")
         assert (mean.low, mean.high) == ends
         assert mean.estimate == pytest.approx(1 / 3)
-        for line in _lines(compared):
-            assert (line.low.min(), line.high.max()) == ends
 
 
 def test_discounted_returns_of_a_tabulated_task_are_possible():
@@ -164,23 +162,10 @@ def test_few_curves_do_not_tell_what_returns_can_be():
     assert extremes([np.full((5, 4), np.nan)]) == (-np.inf, np.inf)
 
 
-def test_a_forecast_has_a_bar_for_each_potential(predicted):
-    (axes,) = draw_forecast(predicted).axes
-    names = [label.get_text() for label in axes.get_yticklabels()]
-    assert names == [row.name + " (used)" * (row.name == "mean") for row in predicted.rows]
-    for bar, row in zip(axes.patches, predicted.rows, strict=True):
-        assert bar.get_x() == pytest.approx(predicted.random_return)
-        assert bar.get_x() + bar.get_width() == pytest.approx(row.mean("start"))
-        assert {f"{row.mean('optimistic'):.0%}", f"× {row.scale:.2g}"} <= {*texts_of(axes)}
-    low, high = axes.get_xlim()
-    assert low < predicted.random_return
-    assert predicted.optimum < high
-
-
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf", ".PNG"])
-def test_a_picture_is_written_the_same_each_time(tmp_path, predicted, suffix):
+def test_a_picture_is_written_the_same_each_time(tmp_path, trained, suffix):
     paths = [tmp_path / f"{name}{suffix}" for name in ("first", "second")]
-    assert all(isinstance(plot(predicted, path), Figure) for path in paths)
+    assert all(isinstance(plot(trained, path), Figure) for path in paths)
     first, second = (path.read_bytes() for path in paths)
     assert first == second
     assert len(first) > 5_000
@@ -190,7 +175,7 @@ def test_what_cannot_be_drawn_is_refused_and_nothing_written(tmp_path):
     for path in (tmp_path / "hunt.bmp", tmp_path / "nowhere" / "hunt.png", 7):
         with pytest.raises(SettingError, match=r"end in .png|a folder that exists|a path: got 7"):
             plot("no subject", path)
-    with pytest.raises(SettingError, match=r"must be a Comparison, Forecast, .*: got 7"):
+    with pytest.raises(SettingError, match=r"must be a Comparison, Trial, .*: got 7"):
         plot(7, tmp_path / "hunt.png")
     assert os.listdir(tmp_path) == []
 
@@ -224,7 +209,7 @@ def test_a_dollar_in_a_name_begins_no_formula():
     name = r"$\frac{a$"
     edge = cr.Transfer(f"{name}b", f"{name}c", cr.transfer.identity(maze))
     plan = cr.Curriculum({f"{name}b": maze, f"{name}c": maze}, [edge], budget=100)
-    for subject in (cr.compare({name: plan}, seeds=2), cr.forecast(plan, seeds=1)):
+    for subject in (cr.compare({name: plan}, seeds=2), cr.forecast(plan, seeds=1).trial):
         figure = cr.plot(subject)
         figure.savefig(io.BytesIO(), format="png")  # by the user, without our settings
     for figure in draw_learning_curves(cr.compare({name: plan}, seeds=2)):

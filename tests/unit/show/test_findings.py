@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from curricle.comparison.comparison import Arm, Comparison, Reference
-from curricle.show.findings import findings, forest, headline, table
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.measures import Arm, Reference
+from curricle.comparison.sentences import findings, headline, page_table
+from curricle.show.report import forest
 from curricle.statistics.curves import Curve
 
 
@@ -69,7 +71,7 @@ def test_too_few_seeds_are_said_to_be(seeds, arms, needed):
 
 
 def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
-    cells, rows = table(pursuit.comparison), pursuit.comparison.rows()
+    cells, rows = page_table(pursuit.comparison), pursuit.comparison.rows()
     assert list(cells) == [row["arm"] for row in rows]
     gains = "strong_gain", "weak_gain", "jumpstart", "asymptotic_gain"
     for row in rows:
@@ -84,17 +86,17 @@ def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
 
 
 def test_saved_steps_are_bounds_where_seeds_never_got_there():
-    cells = table(compared(good=line(10, 20), bad=line(1)))
+    cells = page_table(compared(good=line(10, 20), bad=line(1)))
     assert cells["good"]["strong_steps_saved"].text == "80.0"
-    assert cells["bad"]["strong_steps_saved"].below == "never reached"
+    assert cells["bad"]["strong_steps_saved"].text == "never reached"
     reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, Reference(5.0), 1)
-    assert table(reverse)["bad"]["weak_steps_saved"].text == "−80.0"
+    assert page_table(reverse)["bad"]["weak_steps_saved"].text == "−80.0"
     # Reached after 70 of 80 target steps: 110 with those of the source, beyond all 100 steps.
     steps, values = np.arange(0, 101, 10), np.repeat([[0.0] * 7 + [10.0] * 4], 8, axis=0)
     late = Arm(Curve(steps, values, np.full(8, 40)))
-    cells = table(compared(late=late))["late"]
+    cells = page_table(compared(late=late))["late"]
     assert cells["weak_steps_saved"] == ("10.0", "")
-    assert cells["strong_steps_saved"] == ("–", "never reached")
+    assert cells["strong_steps_saved"] == ("never reached", "")
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=5))

@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.comparison import Arm
+from curricle.comparison.measures import Arm
 from curricle.comparison.plan import PlannedArm
 from curricle.errors import SettingError
-from curricle.show.findings import forecast_sections
 from curricle.show.graph import CARD, graphs
 from curricle.show.plots import draw_learning_curves
-from curricle.show.report import curve_data
-from curricle.show.style import arm_styles, rounded
+from curricle.show.report import UPLOT, asset, curve_data
+from curricle.show.style import arm_styles
 from curricle.statistics.curves import Curve
 from curricle.study import analysis as analysis_module
 from curricle.study.analysis import analysed, curricula_record
@@ -46,7 +45,8 @@ def test_the_page_is_balanced_and_its_references_resolve(page):
 
 def test_the_page_requests_nothing_and_allows_its_own_scripts_only(page):
     reader = Reader(page)
-    assert not re.search(r"https?://(?!www.w3.org/2000/svg)", page)
+    own = page.replace(asset(UPLOT), "")  # which says where it comes from
+    assert not re.search(r"https?://(?!www.w3.org/2000/svg)", own)
     addresses = [*reader.values("src"), *reader.values("href"), *reader.values("srcset")]
     assert all(address.startswith(("#", "data:")) for address in addresses)
     assert not re.search(r"@import|url\((?!#)", page)
@@ -57,7 +57,7 @@ def test_the_page_requests_nothing_and_allows_its_own_scripts_only(page):
     digests = [
         base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts
     ]
-    assert len(scripts) == 2
+    assert len(scripts) == 3
     assert "script-src " + " ".join(f"'sha256-{digest}'" for digest in digests) + ";" in policy
     assert not [name for _, attrs in reader.elements for name in attrs if name.startswith("on")]
 
@@ -70,7 +70,7 @@ def test_names_are_text_wherever_they_stand(pages):
         assert ODD + name in reader.words
     assert f"{ODD} reason 1 of 6 {ODD} short" in reader.words
     assert f"all steps used 5 of 6 {ODD} long, {ODD} short" in reader.words
-    assert page.count("</script>") == 4
+    assert page.count("</script>") == 5
     data = json.loads(re.search(r'id="replays">(.*?)</script>', page, re.DOTALL)[1])
     assert set(data["replays"]) == set(reader.values("data-key"))
     curves = json.loads(re.search(r'id="curves-data">(.*?)</script>', page, re.DOTALL)[1])
@@ -150,22 +150,14 @@ def data_of(comparison):
     return json.loads(json.dumps(data, allow_nan=False))
 
 
-def numbers(row, digits):
-    """The numbers that a row of differences holds; NaN for None."""
-    known = np.array([number is not None for number in row])
-    values = np.full(len(row), np.nan)
-    values[known] = np.cumsum([number for number in row if number is not None]) / 10**digits
-    return values
-
-
 def test_seeds_are_their_returns_over_target_steps(pursuit):
     data = data_of(pursuit.comparison)
     unit = 10.0 ** -data["digits"]
     for arm in data["arms"]:
         curve = pursuit.comparison[arm["name"]].curve
         assert arm["source_steps"] == curve.source_steps.tolist()
-        assert np.cumsum(data["seed_steps"]).tolist() == curve.steps.tolist()
-        rows = [numbers(row, data["digits"]) for row in arm["seeds"]]
+        assert data["seed_steps"] == curve.steps.tolist()
+        rows = np.array(arm["seeds"], dtype=float)
         np.testing.assert_allclose(rows, curve.filled(), atol=0.5001 * unit, rtol=0)
 
 
@@ -232,51 +224,30 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
     assert not left <= place <= left + CARD
 
 
-# -- forecasts and certificates next to what was measured ------------------------------------------
+# -- certificates ------------------------------------------
 
 
-def test_the_forecast_stands_next_to_the_measured_start(pursuit):
-    record, learnt, analysis = shown(pursuit.results)
-    (section,) = forecast_sections(analysis, record, learnt)
-    rows = {row.name: row for row in section["record"].forecast.rows}
-    assert section["used"] == {"minimum": ["min"], "mean": ["mean"]}
-    for arm, name in (("min", "minimum"), ("mean", "mean")):
-        measured = pursuit.results[arm]["hunt"].greedy_return[:, 0]
-        assert section["starts"][name] == [rounded(measured.mean())]
-        assert rows[name].start == pytest.approx(measured[:3].mean(), abs=0.5)
-    assert section["other_sources"] == []
-    (certificate,) = section["record"].certificates
+def test_arms_with_the_same_potential_share_a_certificate(pursuit):
+    (section,) = shown(pursuit.results)[2].sections
+    (certificate,) = section.certificates
     assert certificate.arms == ("min", "mean")
     assert certificate.holds
-    assert section["record"].left_out == ()
-
-
-def test_a_forecast_is_not_of_arms_whose_sources_are_trained_otherwise():
-    short = hunt_plan(cr.minimum)
-    long = replace(short, budget={"chase": 6000, "hunt": 8000})
-    record, learnt, analysis = shown({"short": short.train(2), "long": long.train(2)})
-    (section,) = forecast_sections(analysis, record, learnt)
-    assert section["record"].arms == ("short", "long")
-    assert (section["same_sources"], section["other_sources"]) == (["short"], ["long"])
-    assert section["used"] == {"minimum": ["short"]}
+    assert section.left_out == ()
 
 
 def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
-    monkeypatch.setattr(analysis_module, "EFFORT", 10)
     monkeypatch.setattr(analysis_module, "LARGEST_CERTIFIED", 10)
     text = Reader(page_of(pursuit)).words
     why = f"because hunt has {729 * 25:,} state-action pairs"
-    assert f"min, mean: The forecast is left out, {why}: curricle.forecast" in text
-    assert "Certificates are left out" in text
+    assert f"min, mean: Certificates are left out, {why}: curricle.certify" in text
 
 
-def test_values_that_were_not_kept_leave_both_out():
+def test_values_that_were_not_kept_leave_certificates_out():
     plan = hunt_plan(cr.minimum)
     result = plan.train(2)
     bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
-    record = curricula_record({"min": PlannedArm(plan, {})}, {})
+    record = curricula_record({"min": PlannedArm(plan, {})})
     (section,) = analysed({"min": replace(result, nodes=bare)}, record).sections
-    assert section.forecast is None
     assert section.certificates == ()
     assert all("values were not kept" in sentence for sentence in section.left_out)
 

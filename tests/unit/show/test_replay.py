@@ -8,12 +8,12 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.learning.record import Snapshots
+from curricle.pictures.views import GridView
 from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
 from curricle.planning.solution import greedy_policy
 from curricle.show import replay as replay_module
 from curricle.show.replay import LEVELS, greedy_choices, grid_drawing, mark_of, replays
-from curricle.show.views import GridView
 from curricle.study.analysis import before_and_after
 
 from .studies import chain, shown

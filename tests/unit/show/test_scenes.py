@@ -9,21 +9,30 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
+from IPython.core.formatters import HTMLFormatter
 from PIL import Image
 
 import curricle as cr
 from curricle import Pursuit, tasks
 from curricle.errors import SettingError
 from curricle.interop.gymnasium import to_gymnasium
-from curricle.show.scenes import AGENT, FIGURES, PREY, painted, predator, scene_of
-from curricle.show.views import GridView
-from curricle.tasks.domain import layout_of
+from curricle.pictures.layout import layout_of
+from curricle.pictures.scenes import (
+    AGENT,
+    FIGURES,
+    PREY,
+    in_a_notebook,
+    painted,
+    predator,
+    scene_of,
+)
+from curricle.pictures.views import GridView
+from curricle.show.notebook import register_with
 from tests.unit.interop.environments import TASKS, WALLED
 
 GRIDS = {
     "four rooms": tasks.FourRooms(size=7),
     "key, lock, pit": tasks.KeyLockPit.room(5),
-    "Block Dude": tasks.BlockDude(1).crop(columns=(0, 12), agent=10),
     "a river": tasks.RiverSwim(),
     "a sea": tasks.DeepSea(size=4),
     "a lake": tasks.FrozenLake(),
@@ -68,8 +77,6 @@ def test_text_shows_who_is_where():
     environment = to_gymnasium(hunt, render_mode="ansi")
     environment.reset(options={"state": {"prey": 0, "predator_1": 0, "predator_2": 8}})
     assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
-    first = int(GRIDS["Block Dude"].mdp.start_states[0])
-    assert "B" in scene_of(GRIDS["Block Dude"]).text(first)
     with pytest.warns(UserWarning, match="render_mode"):
         assert to_gymnasium(WALLED).render() is None
 
@@ -139,38 +146,10 @@ def test_cells_of_states_with_other_components_are_no_walls():
     assert GridView.of(tabled, {"fuel": 3}).cells.tolist() == [[1, 0], [1, 1], [2, 0]]
 
 
-class Vault(Tank):
-    """The tank with attributes that say what lies where, and some that do not."""
-
-    def __init__(self):
-        super().__init__(1)
-        self.goal_position, self.walls = np.array([2, 2]), {(1, 1), (0, 3)}
-        self.hazards, self.key, self.keys = [(2, 0)], "brass", [[1, 2], [9, 9]]
-        self.doors = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 0]], bool)
-        self.pit_depths, self.target_return = [(1, 2, 3), (4,)], 0.5
-
-
-def test_what_lies_in_cells_is_read_off_an_environments_attributes():
-    vault = cr.from_gymnasium(Vault, discount=0.9, names=NAMES, actions=MOVES, time_limit=9)
-    layout = layout_of(vault)
-    assert (layout.origin, layout.shape) == ((0, 0), (3, 4))  # a wall lies outside of all states
-    assert {*map(tuple, layout.wall_cells.tolist())} == {(1, 1), (0, 3)}
-    assert {drawn[:3] for drawn in layout.objects} == {
-        *(("goal", 2, 2), ("pit", 2, 0), ("lock", 1, 2)),  # of the keys one lies nowhere: none
-    }
-    view = GridView.of(vault)
-    assert [1, 1] in view.walls.tolist()
-    assert [1, 1] not in view.cells.tolist()
-    text = scene_of(vault).text(vault.states.encode_one((1, 0, 1)))
-    assert text == "...#\n@#L.\nP.G.\nfuel = 1"
-
-
 def test_ends_are_read_off_tables_and_keys_off_names():
     lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9)
     by_hand = set(layout_of(tasks.FrozenLake()).objects)
     assert {*layout_of(lake).objects} == by_hand
-    alive = cr.from_gymnasium("FrozenLake-v1", discount=0.9, live=True)
-    assert {drawn[:3] for drawn in layout_of(alive).objects} == {drawn[:3] for drawn in by_hand}
     cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.9)
     assert layout_of(cliff).objects == (("goal", 3, 11, True),)
     names = "row", "column", "key_row", "key_column"
@@ -188,15 +167,17 @@ def test_ends_are_read_off_tables_and_keys_off_names():
 
 @pytest.mark.parametrize("task", [*GRIDS.values(), LIVE, cr.Pursuit(3, 2)], ids=repr)
 def test_a_grid_task_is_a_picture_in_a_notebook(task):
-    html = task._repr_html_()
+    formatter = HTMLFormatter()
+    register_with(formatter)
+    html = formatter(task)
     content = base64.b64decode(re.search('base64,([^"]+)"', html)[1])
     with Image.open(io.BytesIO(content)) as picture:
         assert picture.format == "PNG"
         assert np.ptp(np.asarray(picture), axis=(0, 1)).max() > 100
-    assert html == task._repr_html_()
+    assert html == formatter(task)
     assert "http" not in html
 
 
 def test_a_task_without_a_grid_is_printed_in_a_notebook():
     numbered = cr.FiniteMDP.from_outcomes([[[(1.0, 0, 0.0, False)]]], start=0, discount=0.9)
-    assert numbered._repr_html_() is None
+    assert in_a_notebook(numbered) is None

@@ -8,7 +8,7 @@ import json
 import math
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from copy import deepcopy
 from functools import partial
@@ -17,13 +17,14 @@ from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium import Env
 from gymnasium.spaces import Box, Dict, Discrete
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.ndimage import uniform_filter1d
 
+from curricle.candidates.candidates import Judged, judged, same_up_to_homomorphism
 from curricle.comparison.opponents import visited_states
 from curricle.curriculum.curriculum import SOURCES_SHARE
-from curricle.design.candidates import Judged, judged, same_up_to_homomorphism
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.gymnasium import (
     actions_of,
@@ -65,10 +66,14 @@ NO_TASK = "seed|step|limit|fps|render|time|horizon|pixel|debug|path"
 """In names of arguments that change no task."""
 
 
+Recipe = str | Callable[..., Env[Any, Any]]
+"""What makes an environment: an id of the registry, or a function."""
+
+
 class Play:
     """What a few episodes of random actions show of an environment."""
 
-    def __init__(self, env: Any):
+    def __init__(self, env: Env[Any, Any]):
         self.env, self.masks = env, False
         self.points, self.attributes = list[list[Any]](), list[Words]()  # points: of observations
         self.times, self.cuts = list[int](), list[int]()  # steps since the reset; at a truncation
@@ -150,7 +155,7 @@ class Play:
 # -- How an environment becomes a task, and how soon it is learnt ----------------------------------
 
 
-def _made(way: partial[Any], recipe: Any, arguments: dict[str, Any], seconds: float) -> Any:
+def _made(way: partial[Any], recipe: object, arguments: dict[str, Any], seconds: float) -> Any:
     """Return the task of a constructor's arguments; TaskError if it takes longer."""
     timed = {"max_seconds": seconds} if way.func is tabulate else {}
     return way(EnvironmentMaker(recipe, arguments), discount=DISCOUNT, **timed)
@@ -215,9 +220,9 @@ def _same(variant: Variant, other: Variant) -> bool:
     return same_up_to_homomorphism(variant.judgement, other.judgement)
 
 
-def _arguments(recipe: Any, env: Any) -> Iterator[dict[str, Any]]:
+def _arguments(recipe: Recipe, env: Env[Any, Any]) -> Iterator[dict[str, Any]]:
     """Yield other arguments of a constructor: flipped, halved, fewer by one, without chance."""
-    stated = {} if callable(recipe) else env.spec.kwargs
+    stated = {} if callable(recipe) or env.spec is None else env.spec.kwargs
     parameters = signature(recipe if callable(recipe) else type(env.unwrapped)).parameters
     values = {name: stated.get(name, parameter.default) for name, parameter in parameters.items()}
     values = {name: x for name, x in values.items() if not re.search(NO_TASK, name.lower())}
@@ -229,7 +234,7 @@ def _arguments(recipe: Any, env: Any) -> Iterator[dict[str, Any]]:
         yield halved
 
 
-def _others(value: Any) -> list[Any]:
+def _others(value: object) -> list[Any]:
     """Return the values in place of an argument's that may make an easier task."""
     if isinstance(value, bool):
         return [not value]
@@ -241,7 +246,7 @@ def _others(value: Any) -> list[Any]:
 # -- The file --------------------------------------------------------------------------------------
 
 
-def environment_study(name: str, recipe: Any) -> tuple[str, list[str]]:
+def environment_study(name: str, recipe: Recipe) -> tuple[str, list[str]]:
     """Return a study of an environment, and sentences on what was seen of it."""
     try:
         with users_code(name), opened(recipe, EnvironmentMaker(recipe)) as env:
@@ -251,7 +256,7 @@ def environment_study(name: str, recipe: Any) -> tuple[str, list[str]]:
         raise ConfigError(f"{error}{hint * ('required positional' in str(error))}") from None
 
 
-def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
+def _study(name: str, recipe: Recipe, env: Env[Any, Any]) -> tuple[str, list[str]]:
     if not is_discrete(env.action_space):
         return _of_network(name, recipe, env, [], "its actions are no whole numbers")
     play, notes, task = Play(env), list[str](), None
@@ -314,7 +319,7 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
     return _text(name, recipe, notes, filled), notes
 
 
-def _ways(env: Any, play: Play) -> list["partial[Any]"]:
+def _ways(env: Env[Any, Any], play: Play) -> list["partial[Any]"]:
     """Return the ways to make a task of an environment, first that of the smallest table."""
     if has_table(env):
         return [partial(from_gymnasium)]
@@ -344,13 +349,13 @@ def _rounded_up(steps: float) -> int:
     return math.ceil(steps / (unit := int(10.0 ** int(math.log10(steps))))) * unit
 
 
-def _limit(env: Any, known: int | None) -> dict[str, int]:
+def _limit(env: Env[Any, Any], known: int | None) -> dict[str, int]:
     """Return the time limit that a study must state: none where the environment has one."""
     return {} if time_limit_of(env) or is_minigrid(env) else {"time_limit": known or LIMIT}
 
 
 def _of_network(
-    name: str, recipe: Any, env: Any, notes: list[str], why: str
+    name: str, recipe: Recipe, env: Env[Any, Any], notes: list[str], why: str
 ) -> tuple[str, list[str]]:
     """Return a study that a network learns."""
     observed, acting = env.observation_space, env.action_space
@@ -369,7 +374,7 @@ def _of_network(
     return _text(name, recipe, notes, filled), notes
 
 
-def _text(name: str, recipe: Any, notes: list[str], filled: dict[str, Any]) -> str:
+def _text(name: str, recipe: object, notes: list[str], filled: dict[str, Any]) -> str:
     """Return the file of a study; the template has names for what is `filled` in."""
     environment = Environment(
         loader=PackageLoader("curricle.study", "templates"), undefined=StrictUndefined,

@@ -1,0 +1,566 @@
+"""What is said of compared arms: columns of tables, sentences, findings, and words on figures.
+
+Every fact has its words here and nowhere else. Tables are printed, drawn on the page of a study,
+and returned as data (:meth:`Comparison.rows`); pages and figures put a minus sign for the hyphen.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from curricle.comparison.measures import (
+    MEASURES,
+    NAN,
+    NO_CONTRAST,
+    STATED,
+    UNKNOWN,
+    MeasuredArms,
+)
+from curricle.comparison.verdicts import SIGNIFICANT, Verdict, not_known
+from curricle.statistics.curves import SCRATCH
+from curricle.statistics.intervals import Interval, clusters, interquartile_interval
+from curricle.text import counted, minus, or_dash, rounded
+
+Row = Mapping[str, Any]  # of :func:`table_rows`
+
+
+def short(interval: Interval) -> str:
+    """Return an interval without its number of seeds; a dash if there is none."""
+    return "-" if np.isnan(interval.estimate) else str(interval).rsplit(",", 1)[0]
+
+
+def signed(interval: Interval) -> str:
+    """Return an interval without its seeds, with a sign and no-break spaces."""
+    return "+" * (float(interval.estimate) > 0) + minus(short(interval)).replace(" ", "\xa0")
+
+
+# -- The table of arms -----------------------------------------------------------------------------
+
+STRONG, WEAK = "strong transfer (source steps count)", "weak transfer (target steps only)"
+
+
+class Column(NamedTuple):
+    """A column of the table of arms; a new one is a row of `COLUMNS`."""
+
+    head: str  # on the page
+    meaning: str
+    text: Callable[[str, MeasuredArms, Row], str]  # of the column's key
+    transfer: str = STRONG  # the kind that it belongs to; empty where it is neither
+    printed: str = ""  # head in the printed table; empty if it is not there
+    # The measure of the arm with a name, for columns that no contrast has.
+    of: Callable[[MeasuredArms, str], Interval] | None = None
+
+
+def _interval(key: str, arms: MeasuredArms, row: Row) -> str:
+    if COLUMNS[key].of is None and row["arm"] not in arms.contrasts:
+        return ""
+    return short(Interval(row[key], row[f"{key}_low"], row[f"{key}_high"], 0.95, row["seeds"]))
+
+
+def _saved(key: str, arms: MeasuredArms, row: Row) -> str:
+    text, both = _interval(key, arms, row), (row["arm"], row["against"])
+    strong = key.startswith("strong")
+    if text and not any(arms.times(arm, strong=strong).reached.any() for arm in both):
+        return "never reached"
+    return text
+
+
+def _time(key: str, arms: MeasuredArms, row: Row) -> str:
+    missed = row["seeds"] - row["reached"]
+    return f"> {row[key]:,.0f} ({missed} never)" if missed else _steps(key, arms, row)
+
+
+def _steps(key: str, arms: MeasuredArms, row: Row) -> str:
+    return f"{row[key]:,.0f}"
+
+
+def _p(key: str, arms: MeasuredArms, row: Row) -> str:
+    tested = row["arm"] in arms.verdicts and not arms.withheld
+    return f"{row[key]:.2g}" if tested else ""
+
+
+ABOVE, SAVED = "above the best opponent's", "steps to the threshold, fewer than the best opponent's"
+COLUMNS = {
+    "strong_gain": Column(
+        "gain",
+        f"mean return over all steps, sources charged, {ABOVE}",
+        _interval,
+        STRONG,
+        "strong gain",
+    ),
+    "adjusted_p": Column("p", "two-sided, of no gain, adjusted for the number of curricula", _p),
+    "probability_of_improvement": Column(
+        "P(improve&shy;ment)", f"probability that a run has a mean return {ABOVE}", _interval
+    ),
+    "asymptotic_gain": Column(
+        "asymp&shy;totic gain", f"return at the end of all steps, {ABOVE}", _interval
+    ),
+    "mean_return": Column(
+        "mean return",
+        "the mean height of the learning curve: its area, divided by all steps",
+        _interval,
+        printed="mean return",
+        of=MeasuredArms.mean_return,
+    ),
+    "steps_to_threshold": Column(
+        "steps to threshold",
+        "steps until the greedy return, smoothed, reaches the threshold, sources included; "
+        '"> 1,000 (2 never)": 2 seeds do not get there and count with all their steps',
+        _time,
+        printed="steps to threshold",
+    ),
+    "strong_steps_saved": Column("steps saved", f"{SAVED}, sources charged", _saved),
+    "weak_gain": Column(
+        "gain",
+        f"mean return over target steps, sources free, {ABOVE}",
+        _interval,
+        WEAK,
+        "weak gain",
+    ),
+    "jumpstart": Column("jumpstart", f"return at the first target step, {ABOVE}", _interval, WEAK),
+    "weak_steps_saved": Column("steps saved", f"target {SAVED}", _saved, WEAK),
+    "source_steps": Column("source steps", "steps in the sources, mean over seeds", _steps, ""),
+}
+"""Key in :func:`table_rows` -> its column, in the page's order."""
+FIRST, LAST = ("steps_to_threshold",), ("strong_gain", "weak_gain")
+"""The columns that begin and that end the printed table, before the verdict."""
+PRINTED = (
+    *FIRST,
+    *(key for key, column in COLUMNS.items() if column.printed and key not in (*FIRST, *LAST)),
+    *LAST,
+)
+VERDICT, INTERVAL = "verdict", "[low, high]"
+HEADS = ("", *(COLUMNS[key].printed for key in PRINTED), VERDICT)
+EXPLAINED = {
+    **{COLUMNS[key].printed: COLUMNS[key].meaning for key in FIRST},
+    "threshold": "the return that counts as learnt; by default nine tenths of the way from the "
+    "random policy's to the optimum",
+    **{COLUMNS[key].printed: COLUMNS[key].meaning for key in PRINTED if key not in LAST},
+    INTERVAL: "after a number: its interval of 95 % confidence over seeds",
+    **{COLUMNS[key].printed: COLUMNS[key].meaning for key in LAST},
+    VERDICT: "whether the arm gains more than each opponent, by a test over the seeds",
+    "p =": "the probability of such a difference by chance, corrected for the number of arms",
+}
+"""Words of the printed table, and what each means."""
+
+
+def table_rows(arms: MeasuredArms) -> list[dict[str, Any]]:
+    """Return the table as data, as :meth:`Comparison.rows`."""
+    table = list[dict[str, Any]]()
+    for name, arm in arms.arms.items():
+        times, contrast = arms.times(name), arms.contrasts.get(name, NO_CONTRAST)
+        over, by_knowledge = arms.control_verdicts.get(name), arms.knowledge_verdicts.get(name)
+        intervals = {
+            "steps_to_threshold": times.restricted_mean(),
+            **{key: column.of(arms, name) for key, column in COLUMNS.items() if column.of},
+            **{measure: getattr(contrast, measure) for measure in MEASURES},
+            "gain_over_controls": UNKNOWN if over is None else over.gain,
+            "gain_by_knowledge": UNKNOWN if by_knowledge is None else by_knowledge.gain,
+        }
+        row: dict[str, Any] = {
+            "arm": name,
+            "control": arm.control,
+            "seeds": arms.seeds,
+            "source_steps": float(arm.curve.source_steps.mean()),
+            "reached": int(times.reached.sum()),
+        }
+        for measure, interval in intervals.items():
+            row[measure] = interval.estimate
+            row[f"{measure}_low"], row[f"{measure}_high"] = interval.low, interval.high
+        for part in ("p", "adjusted_p", "verdict", "reason"):
+            row[part] = getattr(contrast, part)
+        row["unlearnt"] = unlearnt(arms, name)
+        row["against"] = arms.best_opponent(name) if name in arms.contrasts else ""
+        row["strongest_control"] = "" if over is None else over.rival
+        row["beats_controls"] = "" if over is None else over.answer
+        row["beats_controls_p"] = NAN if over is None else over.adjusted_p
+        row["initial_value"] = NAN
+        if arm.initial_values is not None:
+            row["initial_value"] = float(arm.initial_values.mean())
+        table.append(row)
+    return table
+
+
+def printed_rows(arms: MeasuredArms) -> list[tuple[str, ...]]:
+    """Return the rows of the printed table: as many texts as `HEADS` has."""
+    return [
+        (
+            f"{row['arm']}{_started(arms, row['arm'])}",
+            *(COLUMNS[key].text(key, arms, row) for key in PRINTED),
+            _verdict(arms, row),
+        )
+        for row in table_rows(arms)
+        if row["arm"] in arms.shown
+    ]
+
+
+def _verdict(arms: MeasuredArms, row: Row) -> str:
+    """Return an arm's verdict with its p-value and reason; or that it is the best opponent."""
+    name, sure = row["arm"], _p("adjusted_p", arms, row)
+    if name in arms.contrasts:
+        verdict = row["verdict"] + (f" (p = {sure})" if sure else "")
+        return f"{verdict}, {row['reason']}" if row["reason"] else verdict
+    if name not in arms.best_opponents or len(arms.scratches) == 1:
+        return ""
+    over = [arm for arm in arms.controls if arms.best_opponent(arm) == name]
+    of = "" if len(over) == len(arms.controls) else f" of {', '.join(over)}"
+    return f"the best opponent{of}: gains are over it"
+
+
+class Cell(NamedTuple):
+    """An entry of the page's table: its text, and below that its interval or a note."""
+
+    text: str
+    below: str = ""
+
+
+def page_table(arms: MeasuredArms) -> dict[str, dict[str, Cell]]:
+    """Return the entries of the page's table: arm -> column -> entry."""
+    table = dict[str, dict[str, Cell]]()
+    for row in table_rows(arms):
+        texts = {key: minus(column.text(key, arms, row)) for key, column in COLUMNS.items()}
+        parts = {key: re.split(r" (?=[\[(])", text, maxsplit=1) for key, text in texts.items()}
+        table[row["arm"]] = {key: Cell(*part) for key, part in parts.items()}
+    return table
+
+
+def meanings(arms: MeasuredArms) -> list[tuple[str, str]]:
+    """Return what the page says of its table: of the threshold, and of each column."""
+    why = f" ({arms.threshold_from})" * bool(arms.threshold_from)
+    smoothed = f"curves are smoothed over {counted(arms.window, 'checkpoint')} to find it"
+    columns = [
+        (column.head.replace("&shy;", "") + " (weak)" * (column.transfer == WEAK), column.meaning)
+        for column in COLUMNS.values()
+    ]
+    return [("threshold", f"{rounded(arms.threshold)}{why}; {smoothed}"), *columns]
+
+
+# -- Sentences -------------------------------------------------------------------------------------
+
+
+def title(arms: MeasuredArms) -> str:
+    """Return the title of the printed table: target, total of steps, seeds and threshold."""
+    return (
+        f"{arms.target!r} in {arms.total:,} steps, sources charged, evaluations free; "
+        f"{counted(arms.seeds, 'seed')}; threshold {or_dash(arms.threshold, '.4g')}"
+        f"{arms.threshold_from and f' ({arms.threshold_from})'}"
+    )
+
+
+def lines_below(arms: MeasuredArms) -> list[str]:
+    """Return what stands below the table: what was not learnt, controls, and clusters of seeds."""
+    lines = [nothing_learnt(arms), _other_opponents(arms)]
+    lines += [cluster_sentence(arms, name) for name in arms.shown]
+    lines += [
+        _gains_more(name, verdict, "controls") for name, verdict in arms.control_verdicts.items()
+    ]
+    lines += [
+        _gains_more(name, verdict, "placebos and constants")
+        for name, verdict in arms.knowledge_verdicts.items()
+        if arms.verdicts[name].direction > 0
+    ]
+    lines += [unlearnt(arms, name) or _level_sentence(arms, name) for name in arms.controls]
+    return [line for line in (*lines, not_known(list(arms.reasons.values()))) if line]
+
+
+def nothing_learnt(arms: MeasuredArms) -> str:
+    """Return a sentence on a threshold that no arm reaches in any seed; empty if an arm does."""
+    reached = any(arms.times(name).reached.any() for name in arms.arms)
+    if np.isnan(arms.threshold) or reached or arms.reference.nothing_to_learn:
+        return ""
+    lower = ", or a lower threshold" * (arms.threshold_from == STATED)
+    return (
+        f"no arm reaches the threshold of {arms.threshold:.4g} in any seed, so that the gains "
+        f"are between arms that did not learn: all may need a larger budget{lower}"
+    )
+
+
+def _other_opponents(arms: MeasuredArms) -> str:
+    """Return a sentence on the constants that are not shown; empty if there are none."""
+    others = [
+        f"{name}{_started(arms, name)} {arms.returns[name].mean():.4g}"
+        for name in arms.scratches
+        if name not in arms.shown
+    ]
+    return f"mean return of other constants: {'; '.join(others)}" if others else ""
+
+
+def _started(arms: MeasuredArms, name: str) -> str:
+    """Return the initial value of an opponent that starts at a constant, as text."""
+    values = arms[name].initial_values
+    return "" if values is None else f" (initial_value={values.mean():.4g})"
+
+
+def _level_sentence(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on a potential that is constant where learning goes; empty if it varies."""
+    of_name = (arm for arm in arms.arms.values() if arm.curriculum == name)
+    levels = [arm.initial_values for arm in of_name if arm.initial_values is not None]
+    if len(levels) < 2 or not np.allclose(levels, levels[0], rtol=1e-12, atol=0):
+        return ""
+    return f"{name} has one value in all pairs that learning can visit: check its mapping"
+
+
+def cluster_sentence(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on two clusters of an arm's seeds; empty if there are none."""
+    values = arms.returns[name]
+    if (groups := clusters(values)) is None:
+        return ""
+    high, low = (f"{some.mean():.4g}" for some in reversed(groups))
+    if high == low:  # apart by less than is printed
+        return ""
+    sentence = (
+        f"the seeds of {name} are in two clusters, mean return of {len(groups[1])} near {high} "
+        f"and of {len(groups[0])} near {low}"
+    )
+    if min(map(len, groups)) > arms.seeds // 4:
+        return sentence
+    middle = interquartile_interval(values)
+    return f"{sentence}; interquartile mean, without the few: {short(middle)}"
+
+
+def unlearnt(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on sources that did not learn their tasks; empty if all did."""
+    shares = {source: seeds for source, seeds in arms[name].unlearnt.items() if seeds.any()}
+    parts = [f"{source} in {n.sum()} of {counted(n.size, 'seed')}" for source, n in shares.items()]
+    return f"sources of {name} that did NOT learn: {', '.join(parts)}" if parts else ""
+
+
+def _gains_more(name: str, verdict: Verdict, controls: str) -> str:
+    """Return a sentence on whether an arm gains more than its rivals, called `controls`."""
+    strongest = verdict.rival.removeprefix(f"{name}, ")
+    if verdict.rivals == 1:
+        return f"{name} gains more than its {strongest}: {verdict}"
+    several = f"each of its {verdict.rivals} {controls}"
+    return f"{name} gains more than {several}: {verdict}; the strongest is {strongest}"
+
+
+# -- What a page says: its context, a headline, and a finding about each arm -----------------------
+
+
+def context(arms: MeasuredArms) -> str:
+    """Return what all arms share: their steps, their opponents, seeds and tests."""
+    best, n = ", ".join(arms.best_opponents), len(arms.scratches)
+    many = f"the best of {n} learners that learn the target from scratch ({best})"
+    with_whom = many if n > 1 else "learning the target from scratch"
+    tested = f", p values are of {_test(arms)}" * (not arms.interim)
+    how = f"; brackets are 95\xa0% intervals over seeds{tested}" * (arms.seeds > 1)
+    return (
+        f"Every arm spends {arms.total:,} steps, source steps included and evaluations free, and "
+        f"is compared with {with_whom}. {counted(arms.seeds, 'seed')}{how}."
+    )
+
+
+def _test(arms: MeasuredArms) -> str:
+    """Return which test gives p values, and how they are adjusted."""
+    n = len(arms.verdicts)
+    adjusted = f", adjusted for {n} curricula by Holm's rule" * (n > 1)
+    return f"a sign-flip test of the paired differences{adjusted}"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The finding about an arm."""
+
+    arm: str
+    control: bool
+    tone: str  # "pays", "costs" or "open"
+    verdict: str
+    sentences: tuple[str, ...]
+    gain: Interval  # of strong transfer, in return
+
+
+def headline(arms: MeasuredArms) -> str:
+    """Return sentences on which curricula paid, or why there is no verdict."""
+    warning = nothing_learnt(arms)
+    return _paid(arms) + (warning and f" {_sentence(warning)}")
+
+
+def _paid(arms: MeasuredArms) -> str:
+    verdicts = arms.verdicts
+    if arms.withheld:
+        return _sentence(arms.withheld)
+    paid = [name for name, verdict in verdicts.items() if verdict.direction > 0]
+    harmed = [name for name, verdict in verdicts.items() if verdict.direction < 0]
+    undecided = len(verdicts) - len(paid) - len(harmed)
+    if undecided and not paid and not harmed:
+        return "No curriculum is shown to differ from its opponents."
+    counts = [
+        f"{_count(names, len(verdicts))} {verbs[len(names) > 1]}"
+        for names, verbs in (
+            (paid, ("pays for itself", "pay for themselves")),
+            (harmed, ("costs more than it brings", "cost more than they bring")),
+        )
+        if names
+    ]
+    if undecided:
+        counts.append(f"{undecided} show{'s' * (undecided == 1)} no difference")
+    gains = {name: arms.contrasts[name].strong_gain for name in paid or harmed}
+    most = max(gains, key=lambda name: abs(float(gains[name].estimate)))
+    leading = f"{most} most, " * (len(gains) > 1) or f"{most}, " * (len(verdicts) > 1)
+    rival = f"the best opponent, {arms.best_opponent(most)}"
+    if arms.best_opponent(most) == SCRATCH:
+        rival = "learning from scratch"
+    # Why curricula pay, where controls tell: a sentence for each reason.
+    reasons: dict[str, list[str]] = {}
+    for name, reason in arms.reasons.items():
+        if reason.words:
+            reasons.setdefault(reason.words, []).append(name)
+    why = [" " + _sentence(f"{reason}: {', '.join(names)}") for reason, names in reasons.items()]
+    if len(verdicts) == 1:
+        why = [f" It pays {reason}." for reason in reasons]
+    return (
+        f"{_sentence(', '.join(counts), ':')} {leading}{signed(gains[most])} mean return against "
+        f"{rival}, source steps counted, over {counted(arms.seeds, 'seed')}.{''.join(why)}"
+    )
+
+
+def _sentence(text: str, end: str = ".") -> str:
+    return f"{text[0].upper()}{text[1:]}{end}"
+
+
+def _count(names: list[str], all_: int) -> str:
+    if all_ == 1:
+        return "the curriculum"
+    if len(names) == all_ == 2:
+        return "both curricula"
+    return f"all {all_} curricula" if len(names) == all_ else f"{len(names)} of {all_}"
+
+
+def findings(arms: MeasuredArms) -> tuple[Finding, ...]:
+    """Return the finding about each arm that does not learn from scratch, in order."""
+    by_arm = {row["arm"]: row for row in table_rows(arms)}
+    return tuple(_finding(arms, by_arm[name], by_arm) for name in arms.contrasts)
+
+
+def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding:
+    name, rival = row["arm"], by_arm[row["against"]]
+    contrast, sure = arms.contrasts[name], _p("adjusted_p", arms, row)
+    tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
+    of_p = f" (p\xa0=\xa0{sure})" if sure else ""
+    lines = [
+        f"{signed(contrast.strong_gain)} mean return over all {arms.total:,} steps, its "
+        f"{row['source_steps']:,.0f} source steps counted{of_p}.",
+        f"Over target steps only: {signed(contrast.weak_gain)}.",
+        _reached(arms, row, rival),
+    ]
+    remarks = [cluster_sentence(arms, name), cluster_sentence(arms, rival["arm"])]
+    if name in arms.control_verdicts:
+        remark = _gains_more(name, arms.control_verdicts[name], "controls")
+        remarks.append(remark.removeprefix(f"{name} "))
+    if name in arms.verdicts:
+        remarks.append(not_known([arms.reasons[name]]))
+    lines += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
+    control, gain = arms[name].control, contrast.strong_gain
+    return Finding(name, control, tone, contrast.answer, tuple(lines), gain)
+
+
+def _reached(arms: MeasuredArms, row: Row, rival: Row) -> str:
+    threshold, seeds = rounded(arms.threshold), arms.seeds
+    if not row["reached"] and not rival["reached"]:
+        return f"Neither it nor {rival['arm']} reaches {threshold} in any seed."
+
+    def when(row: Row) -> str:
+        if not row["reached"]:
+            return "in no seed"
+        some = f" in {row['reached']} of {counted(seeds, 'seed')}" if row["reached"] < seeds else ""
+        bound = "at least " if some else ""
+        return f"after {bound}{row['steps_to_threshold']:,.0f} steps on average{some}"
+
+    return f"Reaches {threshold} {when(row)}; {rival['arm']} {when(rival)}."
+
+
+# -- What a forecast says of its trial -------------------------------------------------------------
+
+
+def likely(gain: Interval) -> str:
+    """Return in a few words whether a gain with this interval pays."""
+    if gain.low > 0:
+        return "likely pays"
+    return "likely costs more than it brings" if gain.high < 0 else "whether it pays is open"
+
+
+def in_brief(interval: Interval) -> str:
+    """Return an interval as text without its number of seeds, with commas in thousands."""
+    bounds = (float(x) for x in (interval.estimate, interval.low, interval.high))
+    rounded_bounds = [float(f"{bound:.3g}") for bound in bounds]
+    estimate, low, high = (f"{x:,.0f}" if abs(x) >= 1000 else f"{x:g}" for x in rounded_bounds)
+    return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
+
+
+def steps_and_gain(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on an arm's steps to the threshold, its best opponent's, and its gain."""
+    gained = f"gain in mean return {in_brief(arms.contrasts[name].strong_gain)}"
+    if arms.reference.nothing_to_learn:
+        return f"nothing to learn, as the random policy is optimal; {gained}"
+    best = arms.best_opponent(name)
+    by = f"by {best}" if best != SCRATCH else "from scratch"
+    times, alone = arms.times(name), arms.times(best)
+    if not (times.reached.any() or alone.reached.any()):
+        return (
+            f"the threshold {arms.threshold:.4g} is never reached within {arms.total:,} steps, "
+            f"with sources or {by}; {gained}"
+        )
+    # If only the slower side misses the threshold, the true difference in steps is larger.
+    saved = arms.contrasts[name].strong_steps_saved
+    slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
+    bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
+    if saved.estimate >= 0:
+        change = f"saves {bound}{in_brief(saved)}"
+    else:
+        n, low, high = (-float(value) for value in (saved.estimate, saved.high, saved.low))
+        more = in_brief(replace(saved, estimate=n, low=low, high=high))
+        change = f"takes {bound}{more} more"
+    spent = arms[name].curve.source_steps.mean()
+    return (
+        f"expected steps to the threshold {arms.threshold:.4g}: {_expected(arms, name)} with "
+        f"sources (their {spent:,.0f} steps included), {_expected(arms, best)} {by}; "
+        f"{change}; {gained}"
+    )
+
+
+def _expected(arms: MeasuredArms, name: str) -> str:
+    times = arms.times(name)
+    missed = int((~times.reached).sum())
+    if missed == len(times.reached):
+        return f"never within {arms.total:,} steps"
+    text = in_brief(times.restricted_mean(float(arms.scratch.curve.steps[-1])))
+    seeds = counted(len(times.reached), "seed")
+    return f"at least {text} ({missed} of {seeds} never)" if missed else text
+
+
+# -- Words on figures ------------------------------------------------------------------------------
+
+
+def gain_columns(arms: MeasuredArms, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the texts beside a figure's gains, heads first: each arm's gain and p-value."""
+    by_arm = {row["arm"]: row for row in table_rows(arms)}
+
+    def texts(key: str) -> list[str]:
+        return [minus(COLUMNS[key].text(key, arms, by_arm[name])) for name in names]
+
+    references = ["reference" * (name in arms.best_opponents) for name in names]
+    gains = [gain or other for gain, other in zip(texts("strong_gain"), references, strict=True)]
+    head, p_head = "gain" + " [95 %]" * (arms.seeds > 1), "p (Holm)" * (not arms.withheld)
+    return [(head, *gains), (p_head, *texts("adjusted_p"))]
+
+
+def caption(arms: MeasuredArms) -> str:
+    """Return the caption of a comparison's figure."""
+    how, sure = "One seed, which allows neither intervals nor tests.", ""
+    if arms.seeds > 1:
+        how = (
+            f"{arms.seeds} seeds; bands and bars are nominal 95 % intervals over seeds, "
+            "Student's for means and Wilson's for shares, pointwise for curves and profiles."
+        )
+        tests = f"p values of {_test(arms)}; filled where p < {SIGNIFICANT:g}"
+        sure = f"; {arms.withheld or tests}"
+    controls = any(arm.control for arm in arms.arms.values())
+    return (
+        f"{how} Left: means over seeds; dotted, steps in the sources, at the random policy's "
+        "return; circle, where the first seed begins the target. Middle: final is the mean over "
+        "the last tenth of the checkpoints. Right: the mean return is the mean height of the left "
+        f"curve{sure}.{' Dashed and greyer: controls.' * controls}"
+    )

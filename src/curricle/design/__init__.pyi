@@ -1,6 +1,0 @@
-from .candidates import (
-    SourceCandidate as SourceCandidate,
-    SourceCandidates as SourceCandidates,
-    source_candidates as source_candidates,
-)
-from .choice import Choice as Choice, choose as choose

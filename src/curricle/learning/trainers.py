@@ -1,0 +1,378 @@
+"""The trainers of one seed, one for each kind of table: each fills tables and runs a loop on them.
+
+Q-learning on unshaped rewards has a fast loop: on dense tables, on sparse ones, or on those of a
+portfolio, side by side. All else has the general loop.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from curricle.arrays import FloatTable, IntArray, frozen
+from curricle.errors import SettingError
+from curricle.learning.general_loop import Acting, Course, Learners, note, train
+from curricle.learning.learners import Q_LEARNING, Learner, OptimisticQLearning
+from curricle.learning.portfolio import NO_PORTFOLIO, UNDECIDED, Members, Tally, longest_turn
+from curricle.learning.potential import PairPotential
+from curricle.learning.q_learning import Beside, train_q_learning
+from curricle.learning.record import Record
+from curricle.learning.result import Outcome
+from curricle.learning.seeds import SeedSettings
+from curricle.learning.shaping import QInitialisation, Shaping
+from curricle.learning.stopping import Budget, StoppingKernel, ended_by, limits
+from curricle.learning.storage import (
+    DenseTable,
+    SparseTable,
+    SparseValues,
+    StaticInt,
+    Storage,
+    reorder,
+)
+from curricle.learning.value_lookup import no_sources
+from curricle.planning.policy_evaluation import EvaluationKernel
+from curricle.tasks.kernel import address_of, compiled, splitmix64
+from curricle.tasks.live import masks_actions, open_model
+from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, availability, available_actions
+from curricle.tasks.models import has_users_code
+
+NEAR = 32_768  # bytes of a table that stays in the processor's nearest cache
+UNROLLED = 64  # actions up to which a loop is compiled for their number: an eighth faster
+
+
+class Seed(NamedTuple):
+    """A seed in its run."""
+
+    start: int  # of its random stream
+    settings: SeedSettings
+    out: FloatTable | None  # (S, A) where its dense values go; they are dropped without it
+    record: Record
+    evaluation: EvaluationKernel
+
+    @property
+    def initial(self) -> PairPotential | None:
+        """The potential that Q starts at; None for the learner's initial value."""
+        shaping = self.settings.shaping
+        return shaping.potential if shaping is not None and shaping.starts_at_potential else None
+
+
+class Totals(NamedTuple):
+    """What a loop returns."""
+
+    steps: int
+    episodes: int
+
+
+@dataclass(frozen=True)
+class Run:
+    """The settings that all seeds of a call of :func:`learn` share."""
+
+    task: GenerativeModel
+    learner: Learner
+    budget: Budget
+    eval_freq: int
+    longest: int  # a bound of the steps that both limits allow
+    evaluation: EvaluationKernel
+    stopping: StoppingKernel
+    storage: Storage
+    rows: int  # that a sparse table may have; 0 for a dense table
+    bounds: tuple[float, float] | None  # of values, where portfolios have an optimist
+    floor_steps: int  # that it took to estimate the floor of the stopping rule
+
+    @property
+    def limits(self) -> tuple[int, int]:
+        """The most steps and episodes."""
+        return limits(self.budget)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """S and A."""
+        return self.task.states.size, self.task.actions.size
+
+    @property
+    def width(self) -> StaticInt:
+        """A, where loops along a row are to be unrolled."""
+        n_actions = self.task.actions.size
+        return (None,) * (n_actions if n_actions <= UNROLLED else 0)
+
+    def train(
+        self,
+        settings: SeedSettings,
+        start: int,
+        out: FloatTable | None,
+        snapshots: int = 0,
+        begun: Callable[[Record], Any] = lambda record: None,
+    ) -> Outcome:
+        """Train a seed, its stream starting at `start`, into `out`; `begun` gets its record."""
+        kept = () if self.rows else (snapshots, self.shape)
+        unknown = out is not None and self.task.terminal is None
+        n = self.longest // self.eval_freq + 1
+        record = Record.empty(n, *kept, unknown_ends=unknown)
+        begun(record)
+        seed = Seed(start, settings, out, record, self.evaluation.for_run(start))
+        return self.trainer(settings.shaping)(self, seed)
+
+    def trainer(self, shaping: Shaping | None) -> "Trainer":
+        """Return the trainer of the tables that a shaping needs."""
+        if self.plain(shaping):
+            return train_sparse if self.rows else train_dense
+        optimist = self.learner.update == Q_LEARNING and bool(self.bounds)
+        if optimist and shaping is not None and shaping.starts_at_potential:
+            return train_portfolio
+        return train_learners
+
+    def plain(self, shaping: Shaping | None) -> bool:
+        """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
+        # The fast loop keeps maxima, which a mask that comes later would make wrong.
+        if self.learner.update != Q_LEARNING or masks_actions(self.task):
+            return False
+        return shaping is None or (shaping.starts_at_potential and shaping.portfolio is None)
+
+    def loop(
+        self, loop: Callable[..., Any], seed: Seed, learns: object, view: object, q: FloatTable
+    ) -> Totals:
+        """Run a loop on a table or learners.
+
+        It evaluates a view such as `view`; `q`, (n, m, S, A), are the m tables of each learner, the
+        last of which acts first.
+        """
+        discount, limit = self.task.discount, self.task.time_limit
+        limit = int(NO_LIMIT if limit is None else limit)
+        steps, episodes = self.limits
+        visits, (n_states, n_actions) = None, self.shape
+        if n_tables := self.learner.counts:
+            rows = self.rows + 1 if self.rows else n_tables * n_states
+            visits = np.zeros((rows, n_actions), np.int64)
+        noted = seed.record, self.stopping, 0, (0, 0, 0, 0.0, 0.0, 0.0)  # for the types
+        with open_model(self.task, seed.start, q) as model:
+            course = Course(
+                discount,
+                limit,
+                longest_turn(discount, limit),
+                np.uint64(seed.start),
+                steps - seed.settings.charged,
+                episodes,
+                self.stopping,
+                self.eval_freq,
+                seed.evaluation.compiled_for(model, view),
+                seed.record,
+                address_of(compiled(note, False), *noted, q[-1, 0], q[-1, 0]),
+            )
+            rule = self.learner.kernel(visits)
+            totals = compiled(loop, has_users_code(model))(model, rule, learns, course)
+        if seed.record.halted[0]:
+            raise KeyboardInterrupt  # half-learnt values must not be taken for a result
+        return Totals(*totals)
+
+    def outcome(
+        self,
+        seed: Seed,
+        values: FloatTable | SparseValues | None,
+        totals: Totals,
+        *,
+        out_of_memory: bool = False,
+    ) -> Outcome:
+        """Return the outcome of a seed, with what ended its run."""
+        record, checkpoint = seed.record, totals.steps // self.eval_freq
+        ending = ended_by(
+            self.budget,
+            self.stopping,
+            record.greedy_return,
+            checkpoint,
+            checkpoint * self.eval_freq,
+            stopped=bool(record.stopped[0]),
+            out_of_memory=out_of_memory,
+        )
+        counts = *totals, seed.evaluation.steps
+        return Outcome(record, values, *counts, ending, self.stopping, self.floor_steps)
+
+    # -- tables, filled and cleared ----------------------------------------------------------------
+
+    def filled(
+        self,
+        potential: PairPotential | None,
+        q: FloatTable | None = None,
+        initial: float | None = None,
+    ) -> FloatTable:
+        """Fill a table, a new one without `q`, with an initial value plus the potential.
+
+        By default it is that of the learner.
+        """
+        q = np.empty(self.shape, self.storage.dtype) if q is None else q
+        initial = float(self.learner.initial_value) if initial is None else initial
+        if potential is None:
+            q[...] = initial
+        else:
+            potential.fill(q, initial)
+        if self.task.terminal is not None:
+            q[self.task.terminal] = 0.0
+        if (available := available_actions(self.task)) is not None:
+            q[~available] = -np.inf  # so that no policy takes it, and no target is read from it
+        return q
+
+    def dense(self, seed: Seed, q: FloatTable, n: StaticInt = (None,)) -> DenseTable:
+        """Return a table, or n whose rows alternate, as the fast loop reads it."""
+        best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
+        key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
+        return DenseTable(q, best, greedy, key, n, np.uint64(len(n)), self.width, far)
+
+    def only_ends(
+        self, record: Record, tables: FloatTable, potential: PairPotential | None
+    ) -> IntArray:
+        """Return the noted ends that still have the values that they started with, which are 0.
+
+        A state in which an episode has ended, and another has gone on, is no end of the task's.
+        """
+        ends = np.flatnonzero(record.ends)
+        initial = float(self.learner.initial_value)
+        phi = 0.0 if potential is None else potential.pairs(ends)
+        start = np.broadcast_to(phi + initial, (len(ends), tables.shape[2]))
+        now = tables[:, ends]
+        same: Any = ((now == start.astype(now.dtype)) | np.isneginf(now)).all(axis=(0, 2))
+        return np.asarray(ends[same])
+
+
+Trainer = Callable[[Run, Seed], Outcome]
+
+
+# -- one trainer a kind of table -------------------------------------------------------------------
+
+
+def train_dense(run: Run, seed: Seed) -> Outcome:
+    """Train on a row for every state; an optimistic learner also on the table that it acts on."""
+    q = run.filled(seed.initial, seed.out)
+    acts, learnt = q, run.dense(seed, q)
+    tables: Any = learnt, learnt, None, None
+    if isinstance(run.learner, OptimisticQLearning):
+        assert run.learner.value_range is not None
+        assert run.learner.initial_value is not None
+        highest = run.learner.value_range[1]
+        acts = np.add(q, highest - float(run.learner.initial_value), dtype=q.dtype)
+        if run.task.terminal is not None:
+            acts[run.task.terminal] = 0.0
+        tables = run.dense(seed, acts), learnt, Beside(highest), None
+    totals = run.loop(train_q_learning, seed, tables, learnt, acts[None, None])
+    q[run.only_ends(seed.record, q[None], seed.initial)] = 0.0
+    return run.outcome(seed, seed.out, totals)
+
+
+def train_sparse(run: Run, seed: Seed) -> Outcome:
+    """Train on a row for every state that is visited."""
+    table = empty_sparse_table(run, seed)
+    tables = table, table, None, None
+    totals = run.loop(train_q_learning, seed, tables, table, table.q[None, None])
+    (steps, episodes), (most_steps, most_episodes) = totals, run.limits
+    early = steps < most_steps - seed.settings.charged and episodes < most_episodes
+    values = None
+    if run.storage.save_values:  # of the states that have a row, in their order
+        used = slice(1, int(table.used[0]))
+        order = np.argsort(table.states[used])
+        states, q = table.states[used][order].astype(np.int64), table.q[used]
+        reorder(q, order)
+        values = SparseValues(frozen(states), frozen(q))
+    full = bool(early and not seed.record.stopped[0])
+    return run.outcome(seed, values, totals, out_of_memory=full)
+
+
+def empty_sparse_table(run: Run, seed: Seed) -> SparseTable:
+    """Return a sparse table that reads the rows of new states from a potential."""
+    # Pages of np.empty and np.zeros take no memory before they are written to.
+    n_actions, rows, dtype = run.task.actions.size, run.rows + 1, run.storage.dtype
+    lookup = None if seed.initial is None else seed.initial.kernel
+    lookup = no_sources(n_actions) if lookup is None else lookup
+    # These are read together, so they lie together: a cache miss takes as long as all the rest.
+    fields = [("state", "u8"), ("best", dtype), ("greedy", "u2")]
+    heads = np.empty(rows, np.dtype(fields, align=True))
+    return SparseTable(
+        np.empty((rows, n_actions), dtype),
+        heads["best"],
+        heads["greedy"],
+        np.empty(n_actions),
+        np.empty((1, n_actions), dtype),
+        heads["state"],
+        np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
+        np.ones(1, np.int64),
+        lookup._replace(initial=float(run.learner.initial_value)),
+        availability(run.task),
+        np.uint64(splitmix64(seed.start)),
+        run.width,
+        (None,),
+    )
+
+
+def check_sparse(run: Run, settings: Sequence[SeedSettings]) -> None:
+    """Raise SettingError unless sparse tables can be trained with every seed's shaping."""
+    for shaping in (seed.shaping for seed in settings):
+        if not run.plain(shaping) or isinstance(run.learner, OptimisticQLearning):
+            entering = "no shaping" if shaping is None else shaping.name
+            raise SettingError(
+                "sparse tables are for QLearning with QInitialisation or LookAheadAdvice, "
+                f"without a portfolio: got {type(run.learner).__name__} with {entering}"
+                f"{' and a portfolio' if shaping is not None and shaping.portfolio else ''}"
+            )
+        potential = None if shaping is None else shaping.potential
+        if potential is not None and potential.kernel is None:
+            raise SettingError(
+                "a sparse table is made from a potential that is read through mappings by name "
+                f"(project): got {type(potential).__name__}, which is an array"
+            )
+
+
+def train_portfolio(run: Run, seed: Seed) -> Outcome:
+    """Train the source's learner, an optimist and its second table, their rows side by side."""
+    shaping, (lowest, highest) = seed.settings.shaping, cast(tuple[float, float], run.bounds)
+    assert shaping is not None
+    assert shaping.portfolio is not None
+    n, n_actions = run.shape
+    rows = np.zeros((4 * n + 3, n_actions), run.storage.dtype)
+    q = rows[: 4 * n]
+    blocks = q.reshape(n, 4, n_actions)
+    blocks[:, 0] = run.filled(seed.initial)
+    for k, start in ((1, highest), (2, lowest)):
+        run.filled(None, blocks[:, k], start)
+    table = run.dense(seed, q, (None,) * 4)
+
+    def part(k: int) -> DenseTable:
+        # Rows from k on, of which every fourth is read: a table of a type for which evaluation is
+        # compiled already.
+        far = (None,) * (q.nbytes // 4 > NEAR)
+        best, greedy = table.row_max[k:], table.row_argmax[k:]
+        of_one = table._replace(q=rows[k : k + 4 * n], n=(None,), far=far)
+        return of_one._replace(row_max=best, row_argmax=greedy)
+
+    source, learnt, tally = part(0), part(2), Tally.empty(n)
+    memory = q.reshape(n, -1), q.view(f"u{q.itemsize}")
+    members = Members(shaping.portfolio.kernel, tally, highest, *memory, source, learnt)
+    tables = table, learnt, None, members
+    totals = run.loop(train_q_learning, seed, tables, learnt, q[None, None])
+    if seed.out is not None:
+        seed.out[...] = blocks[:, 0 if tally.share[0] > UNDECIDED else 2]
+    return run.outcome(seed, seed.out, totals)
+
+
+def train_learners(run: Run, seed: Seed) -> Outcome:
+    """Train a learner with a shaping; in a portfolio also an optimist or one without it."""
+    shaping, record = seed.settings.shaping or QInitialisation(), seed.record
+    portfolio, starts = shaping.portfolio, list[float | None]([None])
+    if portfolio is not None:
+        starts = [None, None] if run.bounds is None else [*run.bounds, None]
+    q = np.empty((len(starts), run.learner.tables, *run.shape), run.storage.dtype)
+    for k, (tables, start) in enumerate(zip(q, starts, strict=True)):
+        for table in tables:
+            run.filled(seed.initial if k == len(q) - 1 else None, table, start)
+    kernel = NO_PORTFOLIO if portfolio is None else portfolio.kernel
+    highest = 0.0 if run.bounds is None else run.bounds[1]
+    learners = Learners.starting(q, run.learner.update, shaping.kernel(), kernel, highest)
+    totals = run.loop(train, seed, learners, Acting(q[0], learners.values), q)
+    for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
+        if portfolio is None or record.source_share[checkpoint] > UNDECIDED:
+            values += shaping.offset(checkpoint * run.eval_freq)
+    best = -1
+    if portfolio is not None and learners.tally.share[0] <= UNDECIDED:
+        shaping, best = QInitialisation(), 0
+    if seed.out is not None:
+        initial = shaping.potential if shaping.starts_at_potential else None
+        seed.out[...] = q[best].mean(axis=0) + shaping.offset(totals.steps)
+        seed.out[run.only_ends(record, q[best], initial)] = 0.0
+    return replace(run.outcome(seed, seed.out, totals), own_rewards=shaping.own_rewards)

@@ -1,0 +1,1 @@
+from .episode import Episode as Episode

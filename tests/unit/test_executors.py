@@ -1,0 +1,242 @@
+"""Executors of other processes: the window of units, and what is sent; no cluster is needed."""
+
+import pickle
+import re
+import sys
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from types import SimpleNamespace
+
+import pytest
+
+from curricle.cli import progress_bars
+from curricle.cli.progress_bars import run_with_bars
+from curricle.comparison import plan
+from curricle.errors import (
+    ConfigError,
+    EngineError,
+    SettingError,
+    StudyError,
+)
+from curricle.study import (
+    read_study,
+    run_study,
+    running,
+)
+from curricle.study.arms import Arms, UnitInput
+from curricle.study.executors import Workers, _folder_with, train_sent, versions_here
+from curricle.study.store import StudyStore
+from curricle.study.tuning import with_trials
+from curricle.study.workers import dask_address, dask_cluster
+from tests.support.sent_folders import RULES, STUDY
+
+pytestmark = pytest.mark.usefixtures("quick_disk")
+
+
+class Held(Executor):
+    """Holds what is submitted; each time its workers are counted, their number may change."""
+
+    def __init__(self, numbers):
+        self.numbers, self.held, self.most = list(numbers), [], []
+
+    def submit(self, function, argument):
+        self.held.append((Future(), function, argument))
+        return self.held[-1][0]
+
+    def count(self):
+        if len(self.numbers) > 1:
+            return self.numbers.pop(0)
+        return self.numbers[0]
+
+    def wait(self, futures, timeout, return_when):
+        """Return nothing while the number of workers changes, else the first that was held."""
+        self.most.append(len(futures))
+        if not futures:
+            return set(), set()
+        if len(self.numbers) > 1:
+            return set(), set(futures)
+        future, function, argument = self.held.pop(0)
+        future.set_result(function(argument))
+        return {future}, set()
+
+
+@pytest.fixture
+def own_study(tmp_path):
+    (tmp_path / "rules.py").write_text(RULES)
+    (tmp_path / "own.toml").write_text(STUDY)
+    return read_study(tmp_path / "own.toml")
+
+
+def sent_units(pool, monkeypatch, study, out, **settings):
+    with monkeypatch.context() as patch:
+        patch.setattr(plan, "wait", pool.wait)
+        return run_study(study, out, executor=pool, workers=pool.count, **settings)
+
+
+@pytest.mark.parametrize(
+    "on", ["slurm", "", "dask://", "dask://host", "ray", "dask://a b:1", "DASK"]
+)
+def test_an_unknown_cluster_is_refused(on):
+    with pytest.raises(SettingError, match="on must be dask, or an address as dask://host:8786"):
+        dask_address(on)
+
+
+def test_a_cluster_needs_its_extra_and_has_workers_of_its_own(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with (
+        pytest.raises(SettingError, match=r'not installed: pip install "curricle\[dask\]"'),
+        dask_cluster("dask"),
+    ):
+        pass
+    with (
+        pytest.raises(SettingError, match="has workers of its own: workers=2"),
+        dask_cluster("dask://host:1", 2),
+    ):
+        pass
+
+
+def test_a_number_of_workers_that_changes_needs_an_executor(study_file, tmp_path):
+    with pytest.raises(SettingError, match="workers must be a number without an executor"):
+        run_study(read_study(study_file), tmp_path / "out", workers=lambda: 2)
+
+
+def test_other_versions_name_the_worker_and_what_differs():
+    sent = UnitInput("", "", "", None, {}, versions={**versions_here(), "numba": "0.1"})
+    error = train_sent(sent)
+    assert isinstance(error, EngineError)
+    assert re.search(r"^worker .* has numba .* and the run has 0\.1$", str(error))
+
+
+def test_the_window_follows_the_number_of_workers(own_study, tmp_path, monkeypatch):
+    study = read_study(tmp_path / "own.toml", set=["seeds=9", "seeds_per_unit=1"])
+    monkeypatch.setattr(running, "ASKED_AGAIN", 0.0)
+    pool = Held([0, 0, 1, 3, 1])  # the first number is for the progress
+    sent_units(pool, monkeypatch, study, tmp_path / "out")
+    assert running.AHEAD == 2
+    assert pool.most[:8] == [2, 2, 6, 5, 4, 3, 2, 2]  # 0, 1, 3 and then 1 worker
+    assert max(pool.most[8:]) == 2
+
+
+def test_units_that_an_executor_cancels_say_that_it_was_lost(study_file, tmp_path, monkeypatch):
+    pool = Held([1])
+
+    def cancelled(futures, timeout, return_when):
+        for future, *_ in pool.held:
+            future.cancel()
+        return set(futures), set()
+
+    pool.wait = cancelled
+    with pytest.raises(EngineError, match="executor was lost or cancelled it: go on with --resume"):
+        sent_units(pool, monkeypatch, read_study(study_file), tmp_path / "out")
+
+
+def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch):
+    arms, pool, first = Arms.of(own_study), Held([2]), []
+    submit = pool.submit
+    pool.submit = lambda function, sent: first.append(sent) or submit(function, sent)
+    monkeypatch.setattr(running, "Arms", SimpleNamespace(of=lambda _: arms))
+    made = Workers.of
+
+    def elsewhere(*arguments):
+        workers = made(*arguments)
+        (tmp_path / "rules.py").rename(tmp_path / "gone.py")  # what the run has read before
+        return workers
+
+    monkeypatch.setattr(Workers, "of", elsewhere)
+    assert sent_units(pool, monkeypatch, own_study, tmp_path / "out").seeds == (0, 1)
+    assert first[0].files == {"rules.py": RULES.encode()}
+    other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
+    error = train_sent(other)
+    assert isinstance(error, ConfigError)
+    assert "rules.py must not change during a run" in str(error)
+
+
+def test_a_worker_that_sees_the_modules_uses_them_where_data_may_lie_beside_them(tmp_path):
+    (tmp_path / "rules.py").write_text(RULES)
+    assert _folder_with({"rules.py": RULES.encode()}, tmp_path) == tmp_path
+    assert _folder_with({"rules.py": b"# another version"}, tmp_path) != tmp_path
+    assert _folder_with({"rules.py": RULES.encode()}, tmp_path / "elsewhere").is_dir()
+
+
+TUNED_LAKES = """
+name = "lakes"
+opponents = []
+seeds = 1
+tasks.lake = { type = "factory", factory = "lakes:tabled", budget = 400 }
+tasks.other = { type = "factory", factory = "lakes:tabled", budget = 200 }
+transfers = [{ source = "other", target = "lake", mapping = "identity" }]
+[tune]
+trials = 2
+seeds = 1
+[tune.space]
+aggregate = ["mean", "pooling:largest"]
+tasks.other.factory = ["lakes:tabled", "living:live"]
+"""
+LAKES = """
+import curricle as cr
+
+def {name}():
+    return cr.from_gymnasium("FrozenLake-v1", discount=0.9, live={live})
+"""
+
+
+@pytest.fixture
+def tuned_lakes(tmp_path):
+    """A study whose trials alone use two of its modules, one of which has a live task."""
+    (tmp_path / "lakes.py").write_text(LAKES.format(name="tabled", live=False))
+    (tmp_path / "living.py").write_text(LAKES.format(name="live", live=True))
+    (tmp_path / "pooling.py").write_text("def largest(values):\n    return values.max(axis=0)\n")
+    (tmp_path / "lakes.toml").write_text(TUNED_LAKES)
+    return read_study(tmp_path / "lakes.toml")
+
+
+def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
+    both = with_trials(tuned_lakes, Arms.of(tuned_lakes))
+    workers = Workers.of(Held([1]), lambda: 1, both, tmp_path)
+    assert {*workers.files} == {"lakes.py", "living.py", "pooling.py"}
+    assert [arms.serial for arms in both] == [False, True]
+    assert workers.serial
+
+
+def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_path, monkeypatch):
+    threads, pools = [], []
+
+    def interruptible(workers):
+        threads.append(workers)
+        return ThreadPoolExecutor(workers)
+
+    class Processes(ThreadPoolExecutor):
+        def __init__(self, workers):
+            pools.append(workers)
+            super().__init__(1)
+
+    monkeypatch.setattr(running, "interruptible", interruptible)
+    monkeypatch.setattr(progress_bars, "WorkerProcesses", Processes)
+    monkeypatch.setattr(running, "described", stop)
+    for run in (run_study, run_with_bars):
+        with pytest.raises(StudyError, match="stopped"):
+            run(tuned_lakes, tmp_path / "out", workers=3, resume=True)
+    assert (threads, pools) == ([1], [3])
+
+
+def stop(*_, **__):
+    raise StudyError("stopped")
+
+
+class Elsewhere(Held):
+    """Workers that get copies, as those on other machines do, and send copies back."""
+
+    def submit(self, function, argument):
+        return super().submit(lambda sent: through(function(through(sent))), argument)
+
+
+def through(value):
+    return pickle.loads(pickle.dumps(value))
+
+
+def test_units_of_other_machines_are_stored_at_a_url(study_file, finished, url_of, monkeypatch):
+    sent_units(Elsewhere([2]), monkeypatch, read_study(study_file), url_of("out"))
+    units = StudyStore(url_of("out")).units()
+    assert len(units) == len(StudyStore(finished).units())
+    for unit in units:
+        file = finished / "units" / unit.path.parent.name / unit.path.name
+        assert file.read_bytes() == unit.path.read_bytes()
