@@ -1,5 +1,6 @@
 """The proven error of exact planning: never exceeded, against exact rational arithmetic."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -23,9 +24,7 @@ def within_the_bound(solution, mdp, values):
 
 def scaled(mdp, factor, excess=0.0):
     """Return an MDP with larger rewards, and probabilities that sum to 1 + excess."""
-    fields = {name: getattr(mdp, name) for name in mdp.__dataclass_fields__}
-    fields |= {"reward": mdp.reward * factor, "probability": mdp.probability * (1 + excess)}
-    return cr.FiniteMDP(**fields)
+    return replace(mdp, reward=mdp.reward * factor, probability=mdp.probability * (1 + excess))
 
 
 @pytest.mark.parametrize("scale", SCALES)
@@ -141,10 +140,8 @@ def test_more_sweeps_than_end_are_refused(monkeypatch):
     monkeypatch.setattr(planning_module, "LARGEST_DIRECT", 1)
     monkeypatch.setattr(planning_module, "MOST_WORK", 1e8)
     mdp = tasks.random_mdp(1, n_states=5, discount=1 - 1e-9)
-    pays = {name: getattr(mdp, name) for name in mdp.__dataclass_fields__}
-    pays["terminal"] = np.zeros(5, bool)
     with pytest.raises(SettingError, match=r"e\+1. more are expected"):
-        cr.solve(cr.FiniteMDP(**pays))
+        cr.solve(replace(mdp, terminal=np.zeros(5, bool)))
 
 
 # -- stochastic shortest paths ---------------------------------------------------------------------
@@ -210,9 +207,8 @@ def test_ways_in_a_graph_are_solved_or_refused_as_they_should_be():
 def test_stochastic_shortest_paths_are_within_their_bound(scale):
     for seed in range(40):
         mdp = tasks.random_mdp(seed, n_states=4, n_actions=2, discount=1.0, time_limit=9)
-        fields = {name: getattr(mdp, name) for name in mdp.__dataclass_fields__}
         cost = np.random.default_rng(seed).exponential(size=mdp.reward.shape) ** 4 + 1e-3
-        mdp = cr.FiniteMDP(**fields | {"reward": -scale * cost})
+        mdp = replace(mdp, reward=-scale * cost)
         try:
             solution = cr.solve(mdp)
         except SettingError as refusal:

@@ -70,12 +70,6 @@ def potential_of(data, p, elements=finite):
     return data.draw(arrays(np.float64, p.shape[0], elements=elements))
 
 
-# -- the discounted sum of F telescopes ----------------------------------------------------------
-
-
-# -- the optimum survives ------------------------------------------------------------------------
-
-
 @given(tables(), st.sampled_from([0.3, 0.75, 0.95, 1.0]), st.data())
 def test_what_the_wrapper_pays_keeps_the_optimal_policies(world, discount, data):
     p, r = world
@@ -95,9 +89,6 @@ def test_what_the_wrapper_pays_keeps_the_optimal_policies(world, discount, data)
     bound = plain.error_bound + after.error_bound + 1e-9
     assert abs(after.values - (plain.values - phi))[:-1].max() <= bound
     np.testing.assert_array_equal(after.optimal, plain.optimal)
-
-
-# -- learning through the wrapper ----------------------------------------------------------------
 
 
 def q_learning(env, q, discount, actions, rate=0.5, seed=0):

@@ -35,9 +35,6 @@ def _units(counter, out):
         out[i] = uniform(splitmix64(counter))
 
 
-# The last two reject so often that the full row must be drawn.
-
-
 def test_uniform_numbers_are_uniform():
     drawn = np.zeros(DRAWS)
     _units(np.uint64(1), drawn)

@@ -45,16 +45,21 @@ def policy_values(mdp, policy, reward):
     step = fractions(mdp.p)[live, policy[live]][:, live]
     rows = fractions(np.eye(len(live))) - fractions(mdp.discount)[()] * step
     paid = reward[live, policy[live]]
-    for i in range(len(live)):
-        pivot = next(k for k in range(i, len(live)) if rows[k, i] != 0)
-        rows[[i, pivot]], paid[[i, pivot]] = rows[[pivot, i]], paid[[pivot, i]]
-        paid[i], rows[i] = paid[i] / rows[i, i], rows[i] / rows[i, i]
-        for k in range(len(live)):
-            if k != i:
-                paid[k], rows[k] = paid[k] - rows[k, i] * paid[i], rows[k] - rows[k, i] * rows[i]
     v = fractions(np.zeros(len(mdp.terminal)))
-    v[live] = paid
+    v[live] = eliminated(np.column_stack([rows, paid]))
     return v
+
+
+def eliminated(rows):
+    """Return the solution of a linear system of fractions, whose last column is its right side."""
+    for i in range(len(rows)):
+        pivot = next(k for k in range(i, len(rows)) if rows[k, i] != 0)
+        rows[[i, pivot]] = rows[[pivot, i]]
+        rows[i] = rows[i] / rows[i, i]
+        for k in set(range(len(rows))) - {i}:
+            if rows[k, i] != 0:
+                rows[k] = rows[k] - rows[k, i] * rows[i]
+    return rows[:, -1]
 
 
 def mean_rewards(mdp, added=0.0):
@@ -85,23 +90,17 @@ def action_values(mdp, added=0.0, allowed=None, sign=1):
 def exact_values(mdp, policy):
     """Return V of a policy of one action a state, by elimination in exact rational numbers."""
     n, gamma = mdp.states.size, Fraction(mdp.discount)
-    rows = [[Fraction(int(i == j)) for j in range(n)] + [Fraction(0)] for i in range(n)]
+    rows = np.array([[Fraction(int(i == j)) for j in range(n + 1)] for i in range(n)])
+    rows[:, n] = Fraction(0)
     for s in np.flatnonzero(~mdp.terminal):
         row = mdp.outcome_row[s, policy[s]]
         for p, after, r in zip(
             mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True
         ):
-            rows[s][-1] += Fraction(p) * Fraction(r)
+            rows[s, n] += Fraction(p) * Fraction(r)
             if not mdp.terminal[after]:
-                rows[s][after] -= gamma * Fraction(p)
-    for i in range(n):
-        pivot = next(j for j in range(i, n) if rows[j][i] != 0)
-        rows[i], rows[pivot] = rows[pivot], rows[i]
-        rows[i] = [x / rows[i][i] for x in rows[i]]
-        for j in range(n):
-            if j != i and rows[j][i] != 0:
-                rows[j] = [x - rows[j][i] * y for x, y in zip(rows[j], rows[i], strict=True)]
-    return [row[-1] for row in rows]
+                rows[s, after] -= gamma * Fraction(p)
+    return eliminated(rows).tolist()
 
 
 def exact_optimum(mdp):
