@@ -3,7 +3,6 @@
 import io
 import json
 import shutil
-import time
 import zipfile
 
 import numpy as np
@@ -101,6 +100,7 @@ def npy(array):
 def read_all(folder):
     """Read all that the commands read."""
     study = StudyResults(folder)
+    assert study.runs
     for arm, task in study.record.keys:
         study.result(arm, task, values=True)
         study.decisions(arm, task)
@@ -111,11 +111,9 @@ def read_all(folder):
 
 
 def refuses(folder, fault):
-    """Reading is refused at once, in one sentence."""
-    began = time.perf_counter()
+    """Reading is refused in one sentence."""
     with pytest.raises(StoreError, match=fault) as caught:
         read_all(folder)
-    assert time.perf_counter() - began < 5
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 500
     assert str(folder) in str(caught.value)
