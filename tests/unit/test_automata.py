@@ -43,7 +43,11 @@ def test_pictures_show_the_map_with_the_state_of_the_automaton_fixed():
     assert "automaton = before" in scene_of(made()).text(int(made().mdp.start_states[0]))
 
 
-def test_mappings_by_name_read_the_component_and_start_states_apply():
+def test_names_are_mapped_by_and_start_states_apply():
+    with pytest.raises(TaskError, match="different names"):
+        with_automaton(made(), Automaton(EDGES, events))
+    both = with_automaton(made(), Automaton(EDGES, events, name="second"))
+    assert both.states.names[-2:] == ("automaton", "second")
     task, other = made(), made([("before", "key", "after", 2.0), ("after", "end", "home", 9.0)])
     mapping = cr.project(task, other)
     assert mapping.coverage().unmapped == 0.0
@@ -56,14 +60,6 @@ def test_it_is_learnt_and_equal_when_made_again():
     assert made() == made()
     assert hash(made()) == hash(made())
     assert pickle.loads(pickle.dumps(made())).mdp.states == made().states
-
-
-def test_two_automata_need_two_names():
-    inner = made()
-    with pytest.raises(TaskError, match="different names"):
-        with_automaton(inner, Automaton(EDGES, events))
-    both = with_automaton(inner, Automaton(EDGES, events, name="second"))
-    assert both.states.names[-2:] == ("automaton", "second")
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Tasks that say which actions are available: where they say it, and who asks."""
 
 from dataclasses import replace
-from itertools import product
 
 import gymnasium as gym
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 from scipy.stats import chi2_contingency, chisquare
 
 import curricle as cr
+from curricle.comparison.task_differences import summary_differences, task_summary
 from curricle.errors import SettingError, TaskError
 from curricle.interop import from_gymnasium, tabulate, to_gymnasium
 from curricle.learning import OptimisticQLearning
@@ -29,36 +29,30 @@ def two_states(first, **settings):
     )
 
 
-def test_an_empty_list_is_an_action_that_is_not_available():
+def test_tables_say_which_actions_are_available():
     task = two_states([[(1.0, 1, 1.0)], [], [(1.0, 1, 2.0)]])
     assert task.available.tolist() == [[True, False, True], [True, True, True]]
     assert cr.solve(task).action_values.tolist() == [[1.0, -np.inf, 2.0], [0.0, 0.0, 0.0]]
     assert task.random_policy.tolist()[0] == [0.5, 0.0, 0.5]
-
-
-def test_where_every_action_is_available_nothing_is_kept():
-    assert two_states([LIVE, LIVE]).available is None
-    task = random_mdp(0)
-    assert replace(task, available=np.ones(task.outcome_row.shape)).available is None
-
-
-def test_a_state_without_an_available_action_is_named():
-    with pytest.raises(TaskError, match="needs an available action: state 0 has none"):
-        two_states([[], []])
-
-
-@pytest.mark.parametrize("available", [np.ones(3), np.full((6, 3), 2), "all"])
-def test_available_must_be_flags_of_the_right_shape(available):
-    with pytest.raises(TaskError, match="available"):
-        replace(random_mdp(0), available=available)
-
-
-def test_from_dense_takes_available_actions():
     task = cr.FiniteMDP.from_dense(
         [[[0.0, 1.0], [0.0, 0.0]], [[0.0, 1.0], [0.0, 1.0]]], [[5.0, 7.0], [0.0, 0.0]],
         terminal=[False, True], start=0, discount=0.9, available=[[1, 0], [1, 1]],
     )  # fmt: skip
     assert cr.solve(task).values.tolist() == [5.0, 0.0]
+    # Where every action is available nothing is kept.
+    assert two_states([LIVE, LIVE]).available is None
+    task = random_mdp(0)
+    assert replace(task, available=np.ones(task.outcome_row.shape)).available is None
+
+
+def test_what_cannot_be_available_actions_is_refused():
+    with pytest.raises(TaskError, match="needs an available action: state 0 has none"):
+        two_states([[], []])
+    for available in (np.ones(3), np.full((6, 3), 2), "all"):
+        with pytest.raises(TaskError, match="available"):
+            replace(random_mdp(0), available=available)
+    with pytest.raises(TaskError, match="available of a computed task must return a flag"):
+        cr.learn(replace(ring(), available=lambda n, state, action: "yes"), budget=100)
 
 
 @pytest.mark.parametrize("policy", [[1, 0], [[0.5, 0.5], [1.0, 0.0]]])
@@ -137,17 +131,13 @@ def test_values_of_the_task_itself_are_a_potential():
     phi = cr.StateActionPotential(task, q)
     assert np.isfinite(phi.values).all()
     np.testing.assert_array_equal(phi.to_state().values[0], q.max(axis=1))
-    learnt = cr.learn(task, None, 0 + 1, shaping=cr.QInitialisation(q), eval_freq=1)
+    with pytest.raises(cr.CurricleError, match="finite"):  # where an action is available
+        cr.StateActionPotential(task, np.where(task.available, -np.inf, 0.0))
+    learnt = cr.learn(task, None, 1, shaping=cr.QInitialisation(q), eval_freq=1)
     assert learnt.greedy_return[0, 0] == pytest.approx(cr.planning.Target.of(task).optimum)
     for ends in ("zero", "given"):
         assert cr.certify(task, cr.StateShaping(q), ends=ends).holds
         assert cr.certify(task, cr.QInitialisation(q), ends=ends).holds
-
-
-def test_an_available_pair_needs_a_finite_potential():
-    task = with_masks(random_mdp(2, n_actions=4), 2)
-    with pytest.raises(cr.CurricleError, match="finite"):
-        cr.StateActionPotential(task, np.where(task.available, -np.inf, 0.0))
 
 
 @pytest.mark.parametrize("aggregate", [cr.mean, cr.minimum, cr.maximum])
@@ -160,22 +150,16 @@ def test_a_source_knows_nothing_of_actions_that_it_lacks(by, aggregate, n):
         cells = cr.Space([cr.Component("row", 2), cr.Component("column", 3)])
         target, mapping = replace(target, states=cells), cr.project
     sources = {f"source {k}": with_masks(target, k) for k in range(n)}
-    edges = [cr.Transfer(name, "target", mapping(target, task))
-             for name, task in sources.items()]  # fmt: skip
-    curriculum = cr.Curriculum(
-        {**sources, "target": target}, edges, budget=400, aggregate=aggregate
-    )
-    result = curriculum.train()
+    edges = [cr.Transfer(name, "target", mapping(target, of)) for name, of in sources.items()]
+    tasks = {**sources, "target": target}
+    result = cr.Curriculum(tasks, edges, budget=400, aggregate=aggregate).train()
     potential = result.potentials["target"][0]
     assert (potential.kernel is not None) == (by == "name" and (n == 1 or aggregate is not cr.mean))
     phi = potential.values
     read = np.stack([result.sources[name].values[0] for name in sources])
     read[np.isneginf(read)] = np.nan
-    for s, a in product(*map(range, phi.shape)):
-        known = read[:, s, a][~np.isnan(read[:, s, a])]
-        kind = {cr.mean: np.mean, cr.minimum: np.min, cr.maximum: np.max}[aggregate]
-        expected = kind(known) if known.size and not target.terminal[s] else 0.0
-        assert phi[s, a] == pytest.approx(expected)
+    expected = np.where(target.terminal[:, None], 0.0, np.nan_to_num(aggregate(read)))
+    np.testing.assert_allclose(phi, expected)
 
 
 def test_a_target_reads_no_value_for_an_action_that_it_lacks():
@@ -297,17 +281,13 @@ def test_a_tabulated_class_equals_its_tables_by_hand(kind):
     q = cr.solve(table).action_values
     np.testing.assert_allclose(q, cr.solve(hand).action_values[n], atol=1e-9)
     assert table.record.transitions == table.mdp.available[~table.mdp.terminal].sum()
-
-
-def test_listed_outcomes_may_be_none():
-    hand = by_hand()
-    table = tabulate(
-        Matches, discount=0.9, time_limit=30,
+    listed = tabulate(
+        kind, discount=0.9, time_limit=30,
         outcomes=lambda n, a: [] if a >= n else [
             (1.0, n - a - 1, -1.0 - ((n - a - 1) % 4 == 0), n == a + 1)
         ],
     )  # fmt: skip
-    assert table.mdp.available.sum() == hand.available.sum()
+    assert listed.mdp.available.sum() == hand.available.sum()
 
 
 @pytest.mark.parametrize("learner", [cr.QLearning(), cr.SARSA(), cr.DoubleQLearning()])
@@ -415,12 +395,6 @@ def test_a_computed_task_in_dense_and_sparse_tables():
     assert environment.action_masks().tolist() == [True, True, True]
 
 
-def test_a_wrong_function_of_available_actions_is_named():
-    task = replace(ring(), available=lambda n, state, action: "yes")
-    with pytest.raises(TaskError, match="available of a computed task must return a flag"):
-        cr.learn(task, budget=100)
-
-
 def test_a_saved_result_keeps_what_is_not_available(tmp_path):
     task = with_masks(random_mdp(7, n_actions=4, time_limit=10), 7)
     result = cr.learn(task, None, 500, snapshots=3)
@@ -432,21 +406,15 @@ def test_a_saved_result_keeps_what_is_not_available(tmp_path):
 
 def test_differences_of_tasks_name_available_actions():
     task = with_masks(random_mdp(7, n_actions=4), 7)
-    first = cr.comparison.task_differences.task_summary(task)
-    other = cr.comparison.task_differences.task_summary(replace(task, available=None))
-    assert any("available actions" in line for line in
-               cr.comparison.task_differences.summary_differences(first, other))  # fmt: skip
-    assert cr.comparison.task_differences.summary_differences(first, first) == ()
+    first, other = map(task_summary, (task, replace(task, available=None)))
+    assert any("available actions" in line for line in summary_differences(first, other))
+    assert summary_differences(first, first) == ()
 
 
 @pytest.mark.parametrize("kind", ["gymnasium", "tabulated"])
-def test_a_study_file_asks_for_masks(kind, tmp_path):
-    (tmp_path / "masked.toml").write_text(
-        f'name = "taxi"\nbudget = 300\n[tasks.taxi]\ntype = "{kind}"\nid = "Taxi-v4"\n'
-        "action_masks = true\n",
-        "utf-8",
-    )
-    study = cr.read_study(tmp_path / "masked.toml")
+def test_a_study_file_asks_for_masks(kind, read):
+    table = f'[tasks.taxi]\ntype = "{kind}"\nid = "Taxi-v4"\naction_masks = true\n'
+    study = read(f'name = "taxi"\nbudget = 300\n{table}')
     task = study.curriculum("transfer").tasks["taxi"]
     assert (task.mdp.random_policy == 0).any()
 

@@ -82,7 +82,8 @@ def test_time_is_the_first_checkpoint_at_or_above_the_threshold():
     assert smooth(made.values, 10).min() == 0.1
 
 
-def test_steps_saved_is_paired_by_seed():
+def test_steps_saved_and_the_jumpstart_are_paired_by_seed():
+    assert jumpstart(SCRATCH, HELPED).tolist() == [2, 2]
     assert steps_saved(SCRATCH, HELPED, 2.0).tolist() == [200, 400]
     assert steps_saved(SCRATCH, HELPED, 99.0).tolist() == [0, 0]
 
@@ -101,10 +102,6 @@ def test_charge_source_by_hand():
     assert charged.values.tolist() == [[1, 7, 8]]
     charged = charge_source(curve([NAN, 1, 2, 3, 4]), curve([NAN, 5, 6, 7, 8], source=100))
     assert charged.values.tolist() == [[1, 5, 5, 6, 7]]
-
-
-def test_jumpstart():
-    assert jumpstart(SCRATCH, HELPED).tolist() == [2, 2]
 
 
 def test_asymptotic_performance_is_the_mean_of_the_last_checkpoints():

@@ -70,16 +70,10 @@ def test_a_gif_shows_each_moment_in_its_colours(episode, tmp_path):
             assert said.shape[0] > 16
             assert np.ptp(said) > 150
     assert file.read_bytes() == episode.save(tmp_path / "again.gif", fps=5).read_bytes()
-
-
-def test_a_notebook_gets_the_same_gif(episode):
-    html = episode._repr_html_()
-    code = re.fullmatch(
-        r'<img alt="Episode\(3 steps, return 197, terminated\)" style="max-width: 100%" '
-        r'src="data:image/gif;base64,([\w+/=]+)">',
-        html,
-    )
-    with Image.open(io.BytesIO(base64.b64decode(code[1]))) as picture:
+    html = episode._repr_html_()  # a notebook gets it too
+    assert html.startswith('<img alt="Episode(3 steps, return 197, terminated)" ')
+    code = re.search(r'src="data:image/gif;base64,([\w+/=]+)">$', html)[1]
+    with Image.open(io.BytesIO(base64.b64decode(code))) as picture:
         assert picture.n_frames == 4
 
 

@@ -73,17 +73,6 @@ def test_the_optimum_in_closed_form(size, discount):
     assert values[(column < row)] == pytest.approx(0, abs=1e-7)  # the treasure is out of reach
 
 
-@pytest.mark.parametrize("size", [2, 10])
-def test_the_stochastic_optimum_in_closed_form(size):
-    sea = DeepSea(size, slip=1 / size, discount=1.0)
-    kept, cost = 1 - 1 / size, 0.01 / size
-    goes_on = cost * sum(kept**step for step in range(size))  # after a slip nothing is left to win
-    assert solve(sea).values[0] == pytest.approx(kept ** (size - 1) - goes_on, abs=1e-7)
-    # The figure that bsuite calls optimal is of always going right.
-    always = evaluate(sea, np.ones(sea.states.size, int)).values[0]
-    assert always == pytest.approx(kept ** (size - 1) - 0.01, abs=1e-7)
-
-
 def test_the_bottom_of_a_sea_is_part_of_it():
     sea = DeepSea(7)
     low, whole = solve(sea.bottom(3)), solve(sea)
@@ -136,11 +125,6 @@ def test_swimming_right_is_worth_its_closed_form(n, forward, back, leave, stay):
     expected = closed_form(n, 0.95, forward, back, leave, stay, 10_000)
     assert evaluate(river, [RIGHT] * n).values == pytest.approx(expected, rel=1e-7)
     assert solve(river).values == pytest.approx(expected, rel=1e-7)  # with these rewards it is best
-
-
-def test_swimming_left_is_worth_its_closed_form_where_it_is_best():
-    river = RiverSwim(right_reward=1.0)
-    assert solve(river).values == pytest.approx(5 * 0.95 ** np.arange(6) / 0.05, rel=1e-7)
 
 
 def test_a_crop_keeps_positions_and_the_rewards_of_the_banks_that_it_has():

@@ -63,16 +63,6 @@ def test_a_teacher_draws_the_start_of_every_episode_and_learns_how_it_ended():
     assert 5000 - 50 <= steps <= 5000 == result.results[0].steps_used[0]
 
 
-def test_draws_are_those_of_the_probabilities_and_depend_on_the_seed_alone():
-    tasks = [with_start(MAZE, GoalDistance(d)) for d in range(1, 5)]
-    result = taught(tasks, Uniform(), 20_000, seeds=range(3))
-    for drawn in result.drawn:
-        share = np.bincount(drawn, minlength=4) / len(drawn)
-        assert abs(share - 0.25).max() < 5 * np.sqrt(0.25 * 0.75 / len(drawn))
-    assert len({drawn[:30] for drawn in result.drawn}) == 3
-    assert taught(tasks, Uniform(), 20_000, seeds=[2]).drawn[0] == result.drawn[2]
-
-
 def test_td_errors_are_those_of_the_values_at_the_time():
     rows = [[[(1.0, 1, 1.0)]], [[(1.0, 2, 2.0)]], [[(1.0, 2, 0.0)]]]  # s0 -> s1 -> s2, the end
     chain = cr.FiniteMDP.from_outcomes(
@@ -87,13 +77,6 @@ def test_td_errors_are_those_of_the_values_at_the_time():
         second = 2 - v[1]
         v[1] += 0.25 * second
         np.testing.assert_array_equal(episode.td_errors, [first, second])
-
-
-def test_what_a_teacher_raises_passes_through():
-    teacher = InTurn()
-    teacher.update = lambda memory, episode: 1 / 0
-    with pytest.raises(ZeroDivisionError):
-        taught([NEAR, MAZE], teacher, 3000)
 
 
 # -- formulas --------------------------------------------------------------------------------------
@@ -182,17 +165,3 @@ def test_the_reverse_curriculum_expands_from_the_goal(seed, n):
         expected = uniform_over(old or new)
     teacher = ReverseCurriculum(r_min=0.2, r_max=0.7, replay=0.25, window=5)
     np.testing.assert_allclose(probabilities(teacher, seen), expected)
-
-
-@pytest.mark.parametrize(
-    "teacher",
-    [Uniform(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()],
-    ids=lambda teacher: type(teacher).__name__,
-)
-def test_no_teacher_changes_what_it_remembers(teacher):
-    memory = teacher.start(N_TASKS)
-    for episode in episodes(0, 20):
-        before = teacher.probabilities(memory).copy()
-        after = teacher.update(memory, episode)
-        np.testing.assert_array_equal(teacher.probabilities(memory), before)
-        memory = after

@@ -4,6 +4,7 @@ import io
 import os
 import pickle
 import zipfile
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,15 +15,9 @@ from curricle.curriculum.result import to_file
 from curricle.errors import CurriculumError, SettingError, StoreError
 from curricle.files import write_saved
 from curricle.learning import LearningResult, TabularPolicy
+from tests.support.comparisons import CORNER, MAZE, corner
 
-MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
-CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
-
-
-def plan(**settings):
-    edge = cr.Transfer("corner", "maze", cr.same_position(MAZE, CORNER))
-    tasks = {"corner": CORNER, "maze": MAZE}
-    return cr.Curriculum(tasks, [edge], budget={"corner": 400, "maze": 600}, **settings)
+plan = partial(corner, source=400, target=600)
 
 
 @pytest.fixture(scope="module")
@@ -116,21 +111,11 @@ def pickled(path):
         archive.writestr("values.npy", buffer.getvalue())
 
 
-def forged(path):
-    """A file with right checksums whose values have fewer states than its task."""
+def forged(path, pairs=None):
+    """A file with right checksums whose values have fewer states than its task, or than it says."""
     arrays, about = cr.learn(MAZE, budget=100).parts_of_file()
+    about["task"] |= {} if pairs is None else {"pairs": pairs}
     write_saved(path, "LearningResult", {**arrays, "values": arrays["values"][:, :3]}, about)
-
-
-def forged_with_its_words(path):
-    """The same, where the words say so too."""
-    arrays, about = cr.learn(MAZE, budget=100).parts_of_file()
-    about["task"]["pairs"] = [3, 4]
-    write_saved(path, "LearningResult", {**arrays, "values": arrays["values"][:, :3]}, about)
-
-
-def newer(path):
-    write_saved(path, "LearningResult", {}, {"format": 9})
 
 
 @pytest.mark.parametrize(
@@ -143,8 +128,11 @@ def newer(path):
         (lambda path: path.write_bytes(pickle.dumps(Harm())), "was changed since"),
         (pickled, "was changed since"),
         (forged, r"values must be a table for each seed \(1\), 15 states x 4 actions"),
-        (forged_with_its_words, r"values must be a table for each seed .* 15 states x 4 actions"),
-        (newer, "must have format 1"),
+        (
+            lambda path: forged(path, [3, 4]),
+            r"values must be a table for each seed .* 15 states x 4 actions",
+        ),
+        (lambda path: write_saved(path, "LearningResult", {}, {"format": 9}), "have format 1"),
         (lambda path: cr.learn(MAZE, budget=50).policy.save(path), "holds a TabularPolicy"),
         (lambda path: plan().train().save(path), "holds a CurriculumResult"),
         (lambda path: write_saved(path, "LearningResult", {}, {}), "is not as .*: it has no seeds"),

@@ -73,26 +73,10 @@ def test_a_return_that_fell_to_the_floor_has_not_settled():
     assert known.step == unknown.step < 1_000
 
 
-def hanoi(disks=4):
-    """Moves of the top disk from one of three pegs to another; -1 a step: 81 states."""
-    n, moves = 3**disks, [(a, b) for a in range(3) for b in range(3) if a != b]
-    outcomes = []
-    for s in range(n):
-        pegs = [s // 3**d % 3 for d in range(disks)]
-        top = [pegs.index(p) if p in pegs else disks for p in range(3)]
-        after = [s + (b - a) * 3 ** top[a] if top[a] < top[b] else s for a, b in moves]
-        outcomes.append([[] if s == n - 1 else [(1.0, t, -1.0)] for t in after])
-    ends = np.arange(n) == n - 1
-    return cr.FiniteMDP.from_outcomes(
-        outcomes, terminal=ends, start=0, discount=0.99, time_limit=300
-    )
-
-
 FALLING = {
     "pursuit": cr.Pursuit(size=3, predators=1),
     "FrozenLake": cr.tasks.FrozenLake(),
     "four rooms": cr.tasks.FourRooms(),
-    "Hanoi": hanoi(),
 }
 
 
