@@ -44,7 +44,7 @@ def test_every_free_cell_has_a_way_to_the_treasure(size, chances, seed, corner):
     assert (grid == "T").sum() == (grid == "S").sum() == 1
     start = tuple(np.argwhere(grid == "S")[0].tolist())
     assert seen[start] == max(seen.values())
-    assert maze.state(0, 0) == int(np.flatnonzero(maze.mdp.terminal & (maze._contents == "T"))[0])
+    assert maze.state(0, 0) == int(np.flatnonzero(maze.mdp.terminal & maze.grid.holds("T"))[0])
 
 
 @given(st.integers(2, 9), st.integers(0, 4), CHANCES, SEEDS, st.sampled_from(CORNERS))

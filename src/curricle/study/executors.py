@@ -58,12 +58,11 @@ class Workers:
 
     def train(self, sent: UnitInput) -> "Future[Any]":
         """Return the future result of a unit."""
+        sent = sent._replace(serial=self.serial)
         if not self.threads:  # which pass errors on unchanged, and have the plan itself
-            sent = sent._replace(
-                arms=None, files=self.files, versions=versions_here(), serial=self.serial
-            )
+            sent = sent._replace(arms=None, files=self.files, versions=versions_here())
         try:
-            return self.executor.submit(train_unit if self.threads else train_sent, sent)
+            return self.executor.submit(_train if self.threads else train_sent, sent)
         except Exception as error:
             future, broken = Future[Any](), BrokenExecutor("the executor took no unit")
             broken.__cause__ = error
@@ -89,6 +88,13 @@ class Workers:
 
 FOLDERS = dict[Any, Path]()  # content of modules -> folder where this process wrote them
 WRITING, SERIAL = Lock(), Lock()
+
+
+def _train(sent: UnitInput) -> UnitContent:
+    """Train a unit; a serial one when no other is trained in this process."""
+    # After an interrupt a unit of the run before may still be in training, in its thread.
+    with SERIAL if sent.serial else nullcontext():
+        return train_unit(sent)
 
 
 def train_sent(sent: UnitInput) -> UnitContent | Exception:
@@ -125,8 +131,7 @@ def _train_sent(sent: UnitInput) -> UnitContent:
     if difference := _difference(sent.versions, versions_here()):
         raise EngineError(f"worker {platform.node()} has {difference}")
     folder = _folder_with(sent.files, Path(sent.folder))
-    with SERIAL if sent.serial else nullcontext():
-        return train_unit(sent._replace(folder=str(folder)))
+    return _train(sent._replace(folder=str(folder)))
 
 
 @cache
