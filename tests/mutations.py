@@ -197,7 +197,7 @@ MUTATIONS = [
         "aggregate=function)", "aggregate=usual)",
         ("tests/unit/test_forecast.py::test_custom_aggregates_have_rows_too",)),
     Mutation("a trial with the random numbers of the experiment", "comparison/trial.py",
-        "name + STREAM", "name", ("tests/unit/test_trial.py",)),
+        "name + STREAM", "name", ("tests/unit/test_forecast.py",)),
     Mutation("candidates that differ in their start count as one", "candidates/candidates.py",
         "np.allclose(start, other_start, rtol=0, atol=ROUNDING)", "True",
         ("tests/unit/test_source_candidates.py",)),

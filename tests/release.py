@@ -30,7 +30,7 @@ OLDEST, NEWEST = 11, 30
 WORKS = "import ensurepip, ssl, sys, venv; print('%d.%d.%d' % sys.version_info[:3])"
 READS = [
     *("test_architecture.py", "test_docs.py", "test_examples.py", "test_packaging.py"),
-    *("test_pages.py", "test_study_files.py"),
+    "test_study_files.py",
 ]
 """Tests that read other files than the package's."""
 

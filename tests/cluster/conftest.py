@@ -1,14 +1,15 @@
 """Clusters and an S3 server, each process a command of its own, and runs of the command line."""
 
 import os
+import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import pytest
 
 from curricle.study.store import StoredUnit
-from tests.cluster.ports import free_port
 
 LONG = 3_000_000
 """Steps of a unit that takes about a third of a second."""
@@ -35,6 +36,13 @@ def corner():
 def same(target, source):
     return cr.same_position(target, source)
 """
+
+
+def free_port():
+    """A port of loopback that nobody listens on now."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
 
 
 class Cluster:
@@ -97,42 +105,40 @@ def dask(tmp_path_factory):
         cluster.close()
 
 
-@pytest.fixture(scope="session")
-def s3_server(tmp_path_factory):
-    pytest.importorskip("moto")
-    from tests.cluster.s3_server import Server
-
-    server = Server(tmp_path_factory.mktemp("s3"))
-    yield server
-    server.close()
-
-
 @pytest.fixture
-def s3(s3_server, monkeypatch):
-    """An empty bucket: its URL. Where it is and who may use it is in the environment.
+def s3(tmp_path, monkeypatch):
+    """The URL of an empty bucket of moto's server; where that is stands in the environment.
 
     Ask for it before a cluster, whose processes take the environment that they find.
     """
+    pytest.importorskip("moto")
     from s3fs import S3FileSystem
+    from upath import UPath
 
-    for name, value in s3_server.environment.items():
+    port = free_port()
+    for name, value in (
+        ("AWS_ENDPOINT_URL", f"http://127.0.0.1:{port}"),
+        *(("AWS_ACCESS_KEY_ID", "nobody"), ("AWS_SECRET_ACCESS_KEY", "nothing")),
+        ("AWS_DEFAULT_REGION", "us-east-1"),
+    ):
         monkeypatch.setenv(name, value)
-    S3FileSystem.clear_instance_cache()  # those of this process may go to a proxy
-    return s3_server.new_bucket()
+    S3FileSystem.clear_instance_cache()  # those of this process may go to another server
+    code = "from moto.server import main; main()"
+    command = [sys.executable, "-c", code, "-H", "127.0.0.1", "-p", str(port)]
+    with (tmp_path / "s3.txt").open("w") as log:
+        server = subprocess.Popen(command, stdout=log, stderr=log)
 
+    def listens():
+        assert server.poll() is None, (tmp_path / "s3.txt").read_text()
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
+            return True
 
-@pytest.fixture
-def s3_proxy(s3_server, s3, monkeypatch):
-    """Return a function: options of s3_proxy.py -> the same bucket behind a proxy."""
-
-    def start(*options):
-        from s3fs import S3FileSystem
-
-        monkeypatch.setenv("AWS_ENDPOINT_URL", s3_server.behind_proxy(*options))
-        S3FileSystem.clear_instance_cache()  # those of this process go to the server itself
-        return s3
-
-    return start
+    wait_until(listens)
+    place = UPath("s3://bucket/", use_listings_cache=False)
+    place.fs.mkdir(place.path)
+    yield "s3://bucket"
+    server.kill()
+    server.wait()
 
 
 @pytest.fixture

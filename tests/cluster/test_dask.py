@@ -32,11 +32,6 @@ def test_dask_changes_nothing(hunt, dask, tmp_path):
     assert whole(hunt, tmp_path / "local", "--on", "dask", "--workers", "2") == wanted
 
 
-def test_own_modules_change_nothing(study, dask, tmp_path):
-    wanted = whole(study(), tmp_path / "threads")
-    assert whole(study(), tmp_path / "dask", "--on", dask.on) == wanted
-
-
 def test_modules_of_trials_alone_reach_them_too(study, dask, tmp_path):
     file = study()
     (file.parent / "pooling.py").write_text("def largest(values):\n    return values.max(axis=0)\n")

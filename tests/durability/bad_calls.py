@@ -159,8 +159,7 @@ ARGUMENTS = {  # with which public names work
         lambda: {"learning_rate": 0.1, "epsilon": 0.1, "initial_value": 0.0},
     ),
     **dict.fromkeys(
-        ("LookAheadAdvice", "QInitialisation", "RewardBonus"),
-        lambda: {"potential": phi()},
+        ("LookAheadAdvice", "QInitialisation", "RewardBonus"), lambda: {"potential": phi()}
     ),
     **dict.fromkeys(
         ("minimum", "maximum", "mean", "total"), lambda: {"potentials": np.ones((2, 6, 4))}

@@ -17,19 +17,10 @@ from curricle.show.report import write_report
 from curricle.study import StudyResults, read_study, run_study
 from tests.durability.fuzzing import Hang, limited
 from tests.durability.study_mutations import NUMBERS, WORDS, holders_and_keys
+from tests.support.studies import LINES
 
 FEW, MANY = 10, 300
 SECONDS = 20
-STUDY = """
-name = "chain"
-opponents = []
-budget = 300
-seeds = 3
-snapshots = 3
-tasks.near = { type = "maze", map = "S.T" }
-tasks.far = { type = "maze", map = "S...T" }
-transfers = [{ source = "near", target = "far", mapping = "same_position" }]
-"""
 
 
 def mutate(folder, draw):
@@ -129,9 +120,10 @@ SEEDS = [range(FEW), pytest.param(range(FEW, MANY), marks=pytest.mark.slow)]
 
 @pytest.mark.parametrize("seeds", SEEDS, ids=["few", "many"])
 def test_a_folder_that_was_changed_is_read_or_refused_in_a_sentence(tmp_path, seeds):
-    (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "study.toml").write_text(LINES)
     whole, changed, faults = tmp_path / "whole", tmp_path / "results", []
-    run_study(read_study(tmp_path / "study.toml"), whole, workers=1, progress=False)
+    study = read_study(tmp_path / "study.toml", set=["snapshots=3"])
+    run_study(study, whole, workers=1, progress=False)
     read(whole)  # imports what reading takes
     for seed in seeds:
         shutil.rmtree(changed, ignore_errors=True)

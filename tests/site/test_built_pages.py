@@ -19,8 +19,6 @@ FETCHING = {"src", "srcset", "data", "poster"}
 WEB = re.compile(r"^(https?:)?//")
 STYLES_FROM_THE_WEB = re.compile(r"""(?:url\(\s*['"]?|@import\s+['"])((?:https?:)?//[^'")]+)""")
 WIDTHS = (390, 1300)
-TURN = 100
-"""Milliseconds between two looks at a page that is still at work."""
 
 
 class Parsed(HTMLParser):
@@ -112,21 +110,4 @@ def test_pages_fit_and_ask_for_nothing(browser, width):
     assert wide == []
     assert errors == []
     assert {url.partition(":")[0] for url in asked} <= {"file", "data"}
-    view.close()
-
-
-@pytest.mark.parametrize(
-    ("words", "page"),
-    [("stopping rules", "howto/how_long"), ("placebo", "trust"), ("QLearning", "generated")],
-)
-def test_search_finds(browser, words, page):
-    view = browser.new_page()
-    view.goto(f"{(SITE / 'search.html').as_uri()}?q={words}")
-    view.wait_for_selector("#search-results li a", timeout=60_000)
-    for _ in range(100):
-        found = view.eval_on_selector_all("#search-results li a", "links => links.map(a => a.href)")
-        if any(page in one for one in found):
-            break
-        view.wait_for_timeout(TURN)
-    assert any(page in one for one in found), found
     view.close()

@@ -1,8 +1,25 @@
 """How Curricle refuses what makes no sense: cases as data, and what holds of every message."""
 
+import os
 import re
 
 import pytest
+
+KINDS_OF_NO_FILE = ("pipe", "folder", "device", "large")
+
+
+def no_file(path, kind):
+    """Put something in the place of a file that must not be read to its end."""
+    match kind:
+        case "pipe":
+            os.mkfifo(path)
+        case "folder":
+            path.mkdir()
+        case "device":
+            path.symlink_to("/dev/zero")
+        case "large":
+            path.touch()
+            os.truncate(path, 2**34)  # 16 GB that take no place
 
 
 def cases(tables):

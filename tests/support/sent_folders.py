@@ -70,13 +70,13 @@ def a_unit(folder):
     return next(file for file in files if "snapshot_steps" in np.load(file).files)
 
 
-def put(unit, change=None, **members):
+def put(unit, members, change=None):
     """Change members of a unit's sealed file: content, content and compression, or None."""
     with zipfile.ZipFile(unit) as archive:
         content = {m.filename: (archive.read(m), m.compress_type) for m in archive.infolist()}
     for name, member in members.items():
         stored = (member, zipfile.ZIP_STORED) if isinstance(member, bytes) else member
-        content[name.replace("__", ".")] = stored
+        content[name] = stored
     if change is not None:
         about = json.loads(content["unit.json"][0])
         change(about)

@@ -94,6 +94,65 @@ target = "maze"
 mapping = "same_position"
 """
 
+# The crop is a part of the target, the middle task has a source and is one, the stopping rule ends
+# each seed at its own step, and one arm doubles its source's values.
+CHAIN = """
+name = "chain"
+opponents = []
+seeds = 4
+seeds_per_unit = 2
+eval_freq = 50
+[tasks.maze]
+type = "maze"
+map = '''
+S...P
+.#...
+...PT
+'''
+time_limit = 40
+budget = 600
+[tasks.easy]
+type = "maze"
+map = '''
+S....
+.#...
+...PT
+'''
+time_limit = 40
+budget = 600
+[tasks.corner]
+type = "crop"
+of = "maze"
+rows = [1, 3]
+columns = [2, 5]
+eval_freq = 20
+budget = { max_steps = 300, threshold = 194.5, patience = 3 }
+[[transfers]]
+source = "corner"
+target = "easy"
+mapping = "same_position"
+[[transfers]]
+source = "easy"
+target = "maze"
+mapping = "same_position"
+[arms.chain]
+[arms.state]
+shaping = "StateShaping"
+[[arms.scaled.transfers]]
+source = "easy"
+target = "maze"
+mapping = "same_position"
+scale = 2.0
+"""
+LINES = """
+name = "lines"
+opponents = []
+seeds = 3
+tasks.near = { type = "maze", map = "S.T", budget = 100 }
+tasks.far = { type = "maze", map = "S...T", budget = 200 }
+transfers = [{ source = "near", target = "far", mapping = "same_position" }]
+"""
+
 
 def reader(folder):
     """Return a function: text, what is set, name -> the study that a file of it describes."""
@@ -105,6 +164,23 @@ def reader(folder):
         return read_study(path, set=set)
 
     return read_text
+
+
+OF_RUNS = {"runs.json", ".lock"}
+"""Files that tell of a run and not of its results."""
+
+
+def contents_of(folder):
+    """Return what a folder's files hold, by name, and its folders; no caches of Python."""
+    entries = (
+        entry
+        for entry in folder.rglob("*")
+        if entry.name not in OF_RUNS and "__pycache__" not in entry.parts
+    )
+    return {
+        str(entry.relative_to(folder)): entry.read_bytes() if entry.is_file() else None
+        for entry in entries
+    }
 
 
 def only(study, arm="transfer"):

@@ -10,60 +10,7 @@ from curricle.cli.app import main
 from curricle.study import read_study, run_study
 from tests.support.comparisons import calls  # noqa: F401  a fixture
 from tests.support.sent_folders import sent, sent_folder  # noqa: F401  fixtures
-from tests.support.studies import complaints_of, reader
-
-# The crop is a part of the target, the middle task has a source and is one, the stopping rule ends
-# each seed at its own step, and one arm doubles its source's values.
-CHAIN = """
-name = "chain"
-opponents = []
-seeds = 4
-seeds_per_unit = 2
-eval_freq = 50
-[tasks.maze]
-type = "maze"
-map = '''
-S...P
-.#...
-...PT
-'''
-time_limit = 40
-budget = 600
-[tasks.easy]
-type = "maze"
-map = '''
-S....
-.#...
-...PT
-'''
-time_limit = 40
-budget = 600
-[tasks.corner]
-type = "crop"
-of = "maze"
-rows = [1, 3]
-columns = [2, 5]
-eval_freq = 20
-budget = { max_steps = 300, threshold = 194.5, patience = 3 }
-[[transfers]]
-source = "corner"
-target = "easy"
-mapping = "same_position"
-[[transfers]]
-source = "easy"
-target = "maze"
-mapping = "same_position"
-[arms.chain]
-[arms.state]
-shaping = "StateShaping"
-[[arms.scaled.transfers]]
-source = "easy"
-target = "maze"
-mapping = "same_position"
-scale = 2.0
-"""
-OF_RUNS = {"runs.json", ".lock"}
-"""Files that tell of a run and not of its results."""
+from tests.support.studies import CHAIN, complaints_of, contents_of, reader
 
 
 @pytest.fixture
@@ -131,17 +78,5 @@ def quick_disk(monkeypatch):
 
 @pytest.fixture(scope="session")
 def contents():
-    """A function: folder -> what its files hold, by name, and its folders; no caches of Python."""
-
-    def read(folder):
-        entries = (
-            entry
-            for entry in folder.rglob("*")
-            if entry.name not in OF_RUNS and "__pycache__" not in entry.parts
-        )
-        return {
-            str(entry.relative_to(folder)): entry.read_bytes() if entry.is_file() else None
-            for entry in entries
-        }
-
-    return read
+    """A function: folder -> what its files hold, by name, and its folders."""
+    return contents_of

@@ -69,6 +69,16 @@ def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):
     second = study.tune.arms[of_arm["near"][1]].tasks
     assert second["end"].learner.learning_rate == second["line"].learner.learning_rate
     assert second["end"].learner.initial_value == 0.0 != second["line"].learner.initial_value
+    plans = {**study.tune.arms, **study.tune.scratches}
+    points = [
+        [plans[trial].tasks["line"].learner for trial in of_arm[arm][1:]]
+        for arm in ("scratch", "near")
+    ]
+    assert points[0] == points[1]
+    configured = as_configured(own)
+    assert (configured.played, configured.controls) == ((), None)
+    assert study.played == ("constant", "bounds", "optimistic")
+    assert study.controls == ("placebo",)
 
 
 def test_further_learners_and_the_arms_of_a_sweep_are_tuned_too(file):
@@ -82,16 +92,6 @@ def test_further_learners_and_the_arms_of_a_sweep_are_tuned_too(file):
     assert bold.initial_value == 5.0
 
 
-def test_scratch_is_tuned_at_the_points_of_the_arms(file):
-    tune = as_fair(read_study(file), 2).tune
-    plans = {**tune.arms, **tune.scratches}
-    by_arm = {
-        arm: [plans[t].tasks["line"].learner for t, v in tune.variants.items() if v.arm == arm][1:]
-        for arm in ("scratch", "near")
-    }
-    assert by_arm["scratch"] == by_arm["near"]
-
-
 def test_levels_run_from_the_random_policy_to_the_optimum():
     line = cr.GridWorld("S..T", rewards=cr.Rewards(step=-1.0, treasure=0.0), discount=0.5)
     assert levels(line) == {"low": pytest.approx(-1.96, abs=0.05), "high": 0.0}
@@ -99,14 +99,6 @@ def test_levels_run_from_the_random_policy_to_the_optimum():
     endless = cr.GridWorld("S..T", rewards=cr.Rewards(step=-1.0), discount=1.0)
     assert levels(cr.tasks.LiveMDP) is None
     assert levels(endless) == {"low": 0.0, "high": 199.0}
-
-
-def test_opponents_and_controls(file):
-    own, fair = as_configured(read_study(file)), as_fair(read_study(file))
-    assert own.played == ()
-    assert own.controls is None
-    assert fair.played == ("constant", "bounds", "optimistic")
-    assert fair.controls == ("placebo",)
 
 
 def test_both_are_run_and_said(audited, tmp_path):

@@ -3,35 +3,12 @@
 from collections import deque
 
 import pytest
-from hypothesis import assume, example, given, strategies as st
 
 from benchmarks.referee.block_dude import PARTS, BlockDude, block_dude_family
 from curricle import solve
 from curricle.tasks import goal_distance
 
 WEST, EAST, UP, PICK_UP, PUT_DOWN = range(5)
-
-
-def where(task, *actions):
-    """Return the row and column of the agent after actions."""
-    state = 0
-    for action in actions:
-        state = task.mdp.next_state[task.mdp.outcome_row[state, action], 0]
-    return tuple(task.layout.cells[state].tolist())
-
-
-def test_there_is_room_above_the_map():
-    task = BlockDude(["B<B..E"])
-    assert where(task, PICK_UP, EAST, UP) == (-1, 2)
-    assert task.layout.origin == (-2, 0)  # a block carried on top of another
-    assert task.layout.shape == (3, 6)
-
-
-def test_rewards():
-    task = BlockDude(">.E", step_reward=-2, exit_reward=7, discount=0.5)
-    assert solve(task).values[0] == pytest.approx(-2 + 7 / 2)
-    # From the exit and beside it, seen from both sides.
-    assert task.with_start("uniform").mdp.start_states.size == task.states.size - 1
 
 
 # -- BURLAP's levels -------------------------------------------------------------------------------
@@ -140,63 +117,7 @@ def test_levels_agree_with_a_search_by_burlap_s_rules(number, reached, moves):
     assert solve(task).values[0] == pytest.approx(expected, rel=1e-7)
 
 
-@st.composite
-def levels(draw):
-    """Return a small map: bricks anywhere, blocks and the agent on something, the exit."""
-    width, height = draw(st.integers(3, 6)), draw(st.integers(2, 4))
-    drawn = {}
-    for x, y in ((x, y) for x in range(width) for y in range(1, height + 1)):
-        drawn[x, y] = draw(st.sampled_from("....#B"))
-        if drawn[x, y] == "B" and drawn.get((x, y - 1), "#") == ".":
-            drawn[x, y] = "."
-    assume(list(drawn.values()).count("B") <= 3)
-    stands = [(x, y) for (x, y) in drawn if drawn[x, y] == "." != drawn.get((x, y - 1), "#")]
-    assume(stands)
-    drawn[draw(st.sampled_from(stands))] = draw(st.sampled_from("<>"))
-    free = [cell for cell, thing in drawn.items() if thing == "."]
-    assume(free)
-    drawn[draw(st.sampled_from(free))] = "E"
-    return ["".join(drawn[x, y] for x in range(width)) for y in range(height, 0, -1)]
-
-
-def as_burlap_has_it(task, state):
-    row, column, facing, holding = [int(v) for v in task.states.decode(state).values()][:4]
-    top = len(task.level)
-    blocks = [tuple(cells[state].tolist()) for cells in task.layout.markers.values()]
-    agent = column, top - row, facing, bool(holding)
-    return agent, frozenset((x, top - y) for y, x in blocks)
-
-
-@example(["..#..", ".....", "B>#.E"])  # no room above the step for who carries a block
-@example(["..#..", "B>..E"])  # a carried block needs none under a ceiling
-@example(["...B<", "...##", "E..##"])  # a block falls
-@example(["B<..", "B#.E"])  # a block on another
-@example(["......", "B<B..E"])
-@given(levels())
-def test_every_action_on_a_random_map_is_burlap_s(lines):
-    task, height = BlockDude(lines), len(lines)
-    grid = [[0] * (height + 9) for _ in lines[0]]
-    for y, line in enumerate(lines):
-        for x, thing in enumerate(line):
-            grid[x][height - y] = int(thing == "#")
-    model, mdp = Burlap(grid), task.mdp
-    states = [as_burlap_has_it(task, state) for state in range(task.states.size)]
-    assert len({*states}) == len(states)
-    for state in range(len(states)):
-        for action in range(0 if mdp.terminal[state] else 5):
-            after = mdp.next_state[mdp.outcome_row[state, action], 0]
-            assert states[after] == model.act(states[state], action)
-
-
 # -- parts -----------------------------------------------------------------------------------------
-
-
-def test_a_crop_is_the_part_with_its_coordinates():
-    part = BlockDude(1).crop(columns=(0, 12))
-    assert part.level == ("............", "...........>", "...#.......#", "E..#...#.B.#")
-    right = BlockDude([">.E.", "#..."]).crop(columns=(1, 4))
-    assert (right.origin, right.level) == ((0, 1), (".E.", "..>"))
-    assert BlockDude("..<.E").crop(columns=(2, 5)).level == ("<.E",)
 
 
 @pytest.mark.parametrize("level", [1, 3])

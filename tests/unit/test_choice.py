@@ -1,5 +1,7 @@
 """Choosing a curriculum: halving, opponents, studies that choose first, and carrying over."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,9 +15,8 @@ from curricle.statistics.curves import Curve
 from curricle.study import StudyStore, merge, run_study
 from curricle.study.tuning import CHOICE, NO_CURRICULUM, chosen_file, trial_study as choice_trials
 from curricle.tasks import pursuit_family
-from curricle.transfer import StateActionMapping
 from tests.support.comparisons import flat
-from tests.unit.test_study_runner import Inline
+from tests.support.executors import Inline
 
 HUNT = """
 name = "hunt"
@@ -116,14 +117,9 @@ def test_each_round_keeps_the_better_half_on_further_seeds():
     assert len(rounds[-1][1]) == module.FINAL_SEEDS
 
 
-def test_halving_stops_when_the_best_is_clear():
+def test_halving_stops_when_the_best_is_clear_or_none_can_pay():
     heights = {"scratch": 0.0} | {f"c{n}": 10.0 * n for n in range(20)}
-    rounds = played(heights, ["scratch"], noise=0.1)
-    assert len(rounds) == 2
-    assert rounds[-1][0] == ["c19"]
-
-
-def test_halving_stops_when_none_can_pay():
+    assert [names for names, _ in played(heights, ["scratch"], noise=0.1)[1:]] == [["c19"]]
     heights = {"scratch": 0.0, "scratch, better": 9.0} | {f"c{n}": 1.0 for n in range(20)}
     assert len(played(heights, ["scratch", "scratch, better"], noise=0.1)) == 2
 
@@ -153,26 +149,14 @@ def test_a_source_that_pays_is_chosen(hunt, choice):
     assert fresh.verdicts["chosen"].direction == 1
     assert len(choice.rows) == 4
     assert {len(row) for row in choice.rows} == {8}
-
-
-def test_constants_of_finalists_are_opponents(choice):
     assert any("constant" in name for name in choice.comparison.opponents(choice.name))
-
-
-def test_it_prints_a_sentence_and_a_table(choice):
-    first, heads, best, *_ = str(choice).splitlines()
+    first, heads, line, *_ = str(choice).splitlines()
     assert first.startswith(f"{choice.name}: gains ")
     assert choice.alone in first
     assert heads.split()[:2] == ["source", "steps"]
-    assert best.startswith(choice.name)
+    assert line.startswith(choice.name)
     assert "<pre>" in choice._repr_html_()
     assert repr(choice).startswith("Choice(")
-
-
-def test_none_pays_where_a_learner_without_source_does_as_well():
-    choice = cr.choose(MAZE, kinds=["crop", "starts"], budget=2_000)
-    assert (choice.name, choice.curriculum) == ("", None)
-    assert choice.sentence.startswith("no curriculum: ")
 
 
 @pytest.mark.parametrize(("name", "level", "says"), [
@@ -188,27 +172,8 @@ def test_the_sentence_names_the_opponent_of_the_gain_and_what_is_shown(name, lev
     rows = ({"name": "A"},)
     choice = module.Choice(name, None, module._best_alone(result, "A"), result, rows)
     assert choice.sentence.startswith(says)
-
-
-def test_a_constant_is_named_where_it_does_as_well(monkeypatch):
-    # A source that knows only how high values are is no better than its mean as a constant.
-    monkeypatch.setattr(module, "OPPONENTS", ("constant",))
-    target = pursuit_family(size=3, predators=2).task
-    flat = cr.FiniteMDP.from_outcomes(
-        [[[(1.0, 0, -0.1, False)]]], start=[1.0], discount=0.99, time_limit=50
-    )
-    index = np.zeros((target.states.size, target.actions.size), np.int64)
-    reads = StateActionMapping(target, flat, index)
-    plan = cr.Curriculum(
-        {"flat": flat, "hunt": target},
-        [cr.Transfer("flat", "hunt", reads)],
-        shaping=cr.QInitialisation(),
-        budget={"flat": cr.StoppingRule(2_000), "hunt": 20_000},
-    )
-    choice = cr.choose(target, [plan], kinds=())
-    assert not choice.name
-    assert choice.alone.startswith("initial_value=-")
-    assert choice.sentence.startswith("no curriculum: ")
+    arms["A, constant"] = flat(level + spread + 9, "A", **constant)
+    assert module._best_alone(replace(result, arms=arms), "A") == "initial_value=0"
 
 
 def test_equal_seeds_give_equal_choices_whatever_the_workers():
@@ -218,20 +183,14 @@ def test_equal_seeds_give_equal_choices_whatever_the_workers():
     assert cr.choose(MAZE, seed=1, **how).rows != alone.rows
 
 
-def test_curricula_of_the_user_are_candidates(hunt, choice):
-    alone = cr.choose(hunt, {"mine": choice.curriculum}, kinds=())
-    assert alone.name == "mine"
-    assert alone.curriculum is choice.curriculum
+def test_curricula_of_the_user_are_candidates_and_progress_is_told(hunt, choice):
+    told = []
+    alone = cr.choose(hunt, {"mine": choice.curriculum}, kinds=(), progress=told.append)
+    assert (alone.name, alone.curriculum) == ("mine", choice.curriculum)
+    assert (told.count("mine"), "scratch" in told) == (2, True)
     both = cr.choose(hunt, [choice.curriculum], kinds=["removed"])
     assert both.name == "pursuit(size=2, predators=1)"
     assert len(both.rows) == 2
-
-
-def test_progress_is_told_and_a_failure_is_reported(hunt, choice):
-    told = []
-    cr.choose(hunt, {"mine": choice.curriculum}, kinds=(), progress=told.append)
-    assert told.count("mine") == 2
-    assert "scratch" in told
 
 
 PLAN, ELSEWHERE = (cr.Curriculum({"t": of}, budget=300) for of in (MAZE, cr.GridWorld("S.T")))
@@ -253,6 +212,8 @@ PLAN, ELSEWHERE = (cr.Curriculum({"t": of}, budget=300) for of in (MAZE, cr.Grid
 def test_what_cannot_be_chosen_from_is_refused(how, error, says):
     with pytest.raises(error, match=says):
         cr.choose(MAZE, **how)
+    with pytest.raises(TaskError, match="on="):
+        cr.choose(cr.from_gymnasium("FrozenLake-v1", discount=0.99, live=True))
 
 
 # -- Carried over from a smaller relative ----------------------------------------------------------
@@ -292,12 +253,6 @@ def test_a_part_of_a_maze_is_carried_over_by_its_share_of_the_side():
     assert (carried.candidate.task.states.size, carried.steps, carried.scale) == (64, 640, 2.0)
 
 
-def test_a_live_target_needs_a_relative():
-    live = cr.from_gymnasium("FrozenLake-v1", discount=0.99, live=True)
-    with pytest.raises(TaskError, match="on="):
-        cr.choose(live)
-
-
 # -- In studies ------------------------------------------------------------------------------------
 
 
@@ -323,7 +278,10 @@ def test_sources_keep_the_values_that_their_target_does_not(hunt, choice, file):
 @pytest.mark.parametrize("left", [0, 10])
 def test_a_choice_resumes(small, tmp_path, left):
     folder, pool = tmp_path / "out", Inline()
-    before = run_study(small, folder, executor=pool).record.chosen
+    run = run_study(small, folder, executor=pool)
+    before = run.record.chosen
+    assert before.startswith("no curriculum: ")
+    assert list(run.comparison.controls) == [NO_CURRICULUM]
     trials = StudyStore(folder / CHOICE)
     units = sorted(trials.units(), key=lambda unit: unit.path)
     trials.remove([unit.path for unit in units[left:]])
@@ -343,12 +301,6 @@ def test_parts_choose_alike_and_are_merged(small, tmp_path):
     assert len(merged.seeds) == 12
     assert merged.record.chosen
     assert StudyStore(tmp_path / "merged" / CHOICE).units()
-
-
-def test_a_study_in_which_none_pays_learns_without_sources(small, tmp_path):
-    run = run_study(small, tmp_path / "out", executor=Inline())
-    assert list(run.comparison.controls) == [NO_CURRICULUM]
-    assert run.record.chosen.startswith("no curriculum: ")
 
 
 def test_the_chosen_study_is_written_and_read_again(file, tmp_path):
@@ -378,21 +330,16 @@ def test_the_chosen_study_is_written_and_read_again(file, tmp_path):
         ("seeds = [2_000_000]", "below 2,000,000"),
         ('tasks.near = { type = "candidate", of = "hunt", kind = "odd", candidate = "x" }', "kind"),
         ('tasks.near = { type = "candidate", of = "h", kind = "crop", candidate = "x" }', "name"),
+        (
+            'tasks.near = { type = "candidate", of = "hunt", kind = "removed", candidate = "x" }\n'
+            'transfers = [{ source = "near", target = "hunt", mapping = "candidate" }]',
+            "no 'x'",
+        ),
     ],
 )
 def test_a_study_that_cannot_choose_says_why(file, line, says):
     file.write_text(SEEDLESS + line)
     with pytest.raises(cr.CurricleError, match=says):
-        cr.read_study(file)
-
-
-def test_an_unknown_candidate_is_refused(file):
-    file.write_text(
-        HUNT
-        + 'tasks.near = { type = "candidate", of = "hunt", kind = "removed", candidate = "x" }\n'
-        + '[[transfers]]\nsource = "near"\ntarget = "hunt"\nmapping = "candidate"\n'
-    )
-    with pytest.raises(cr.CurricleError, match="no 'x'"):
         _ = cr.read_study(file).curricula
 
 

@@ -1,17 +1,27 @@
-"""The commands that make, run and read studies: what they print, leave, and exit with."""
+"""The command: its help and exit codes; studies that it makes, runs and reads, and their pages."""
 
+import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
+import webbrowser
 from functools import partial
+from importlib.metadata import version
 from itertools import islice
+from pathlib import Path
+from threading import Event
+from urllib.parse import urlparse
 
 import pytest
+from typer.testing import CliRunner
 
+from curricle.cli import progress_bars
+from curricle.cli.app import app
+from curricle.show.report import page_of
 from curricle.study import StudyResults, StudyStore, read_study
 from curricle.study.templates import KINDS
+from tests.support.studies import CORNER
 from tests.unit.test_config_sweeps import MAZES
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -34,22 +44,28 @@ def refused(curricle):
 # -- new, check, schema ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["maze", "pursuit", "gymnasium"])
-def test_a_new_study_runs_as_it_is(curricle, tmp_path, kind):
-    code, out, _ = curricle("new", kind)
-    assert (code, out) == (
-        0,
-        f"Wrote {kind}.toml: curricle check {kind}.toml, then curricle run {kind}.toml\n",
-    )
-    study = read_study(tmp_path / f"{kind}.toml")
+def test_a_new_study_runs_as_it_is_and_its_commands_can_be_pasted(curricle, refused, tmp_path):
+    code, out, _ = curricle("new")
+    assert [line.split()[0] for line in out.splitlines()[1:5]] == list(KINDS)
+    code, out, _ = curricle("new", "maze", "my maze.toml")
+    check, run = "curricle check 'my maze.toml'", "curricle run 'my maze.toml'"
+    assert (code, out) == (0, f"Wrote my maze.toml: {check}, then {run}\n")
+    study = read_study(tmp_path / "my maze.toml")
     names = {name for plan in study.arms.values() for name in plan.tasks}
     quick = [f"--set=tasks.{name}.budget=400" for name in names]
-    code, out, complaint = curricle("run", f"{kind}.toml", "--seeds", "0-1", *quick)
+    code, out, complaint = curricle("run", "my maze.toml", "--seeds", "1", *quick)
     assert code == 0, complaint
-    assert out.startswith(f"Stored in {kind}-results: ")
-    done = StudyResults(tmp_path / f"{kind}-results")
-    assert done.seeds == (0, 1)
-    assert done.record.name == study.name
+    show, report = "curricle show 'my maze-results'", "curricle report 'my maze-results'"
+    assert out == f"Stored in my maze-results: {show}, {report}\n"
+    done = StudyResults(tmp_path / "my maze-results")
+    assert (done.seeds, done.record.name) == ((0,), study.name)
+    code, out, _ = curricle("show", "my maze-results")  # one seed, which deviates from nothing
+    assert "1 of 1 seed finished" in out
+    assert "±" not in out
+    # A report that would be refused is not offered.
+    alone = ("--seeds=1", *quick, "--set", "scratch=false", "--out", "alone")
+    assert curricle("run", "my maze.toml", *alone)[1] == "Stored in alone: curricle show alone\n"
+    refused(1, "a comparison needs the target learnt from scratch", "report", "alone")
 
 
 def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
@@ -63,12 +79,6 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
     refused(1, "no study 'mase' to start from, did you mean 'maze'?", "new", "mase")
     refused(1, "did you mean FrozenLake-v1", "new", "FrozenLakes-v1")
     assert curricle("new", "maze", "other.toml")[0] == 0
-
-
-def test_new_lists_what_it_knows(curricle):
-    code, out, _ = curricle("new")
-    assert code == 0
-    assert [line.split()[0] for line in out.splitlines()[1:5]] == list(KINDS)
 
 
 @pytest.mark.parametrize(
@@ -85,15 +95,6 @@ def test_a_new_study_of_an_environment_is_one(curricle, tmp_path, name, form):
     assert code == 0, complaint
     assert f'type = "{form}"' in (tmp_path / f"{name}.toml").read_text()
     assert read_study(tmp_path / f"{name}.toml").curricula
-
-
-def test_the_words_are_explained_if_asked(curricle, finished):
-    code, plain, _ = curricle("show", finished)
-    assert "strong gain: mean return above" not in plain
-    code, out, _ = curricle("show", finished, "--explain")
-    assert code == 0
-    assert out.startswith(plain)
-    assert "\nstrong gain: mean return over" in out
 
 
 def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tmp_path):
@@ -122,16 +123,6 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tm
     assert "maze/trial" in trained
     assert max(map(len, lines)) <= 80
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("command", ["check", "run"])
-def test_a_misspelt_key_is_named_with_its_place(refused, study_file, tmp_path, command):
-    file = tmp_path / "wrong.toml"
-    file.write_text(study_file.read_text().replace("shaping = ", "shapping = ", 1))
-    line = 1 + file.read_text().partition("shapping")[0].count("\n")
-    refused(1, f"curricle: {file}, line {line}: ", command, file)
-    refused(1, "shapping is unknown, did you mean 'shaping'?", command, file)
-    assert [path.name for path in tmp_path.iterdir()] == ["wrong.toml"]
 
 
 # -- run ---------------------------------------------------------------------------------------
@@ -240,7 +231,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
 # -- show, compare, merge ----------------------------------------------------------------------
 
 
-def test_show_prints_how_far_it_is_and_what_paid(curricle, refused, finished):
+def test_show_prints_how_far_it_is_and_what_paid(curricle, refused, finished, copied):
     code, out, _ = curricle("show", finished)
     assert code == 0
     assert out.startswith("chain: 4 of 4 seeds finished in every arm\n")
@@ -256,6 +247,31 @@ def test_show_prints_how_far_it_is_and_what_paid(curricle, refused, finished):
     assert "state: easy" not in out
     elsewhere = ["--arm", "scratch", "--task", "easy"]
     refused(1, "a task of 'scratch' must be one of maze", "show", finished, *elsewhere)
+    code, plain, _ = curricle("show", finished)
+    code, out, _ = curricle("show", finished, "--explain")
+    assert "strong gain: mean return above" not in plain
+    assert out.startswith(plain)
+    assert "\nstrong gain: mean return over" in out
+    for unit in StudyStore(copied).units():
+        unit.path.unlink()
+    code, out, _ = curricle("show", copied)
+    assert (code, "no unit is stored yet" in out, "greedy return" in out) == (0, True, False)
+
+
+def test_a_mistake_in_a_file_and_folders_to_be_merged(
+    curricle, refused, study_file, finished, copied, tmp_path
+):
+    file = tmp_path / "wrong.toml"
+    file.write_text(study_file.read_text().replace("shaping = ", "shapping = ", 1))
+    line = 1 + file.read_text().partition("shapping")[0].count("\n")
+    refused(1, f"curricle: {file}, line {line}: ", "check", file)
+    refused(1, "shapping is unknown, did you mean 'shaping'?", "run", file)
+    code, out, _ = curricle("merge", "whole", finished, copied)
+    assert (code, out) == (0, "4 seeds of 2 folders in whole\n")
+    for name in ("results.parquet", "decisions.parquet"):
+        assert (tmp_path / "whole" / name).read_bytes() == (finished / name).read_bytes()
+    refused(2, "Missing argument", "merge", "whole")
+    refused(1, "has none", "merge", "whole", "nowhere")
 
 
 def test_decisions_are_sentences(curricle, refused, finished):
@@ -294,17 +310,6 @@ def test_studies_of_one_target_are_compared(curricle, refused, study_file, finis
     code, alone, _ = curricle("compare", finished)
     assert alone == f"{StudyResults(finished).comparison}\n"
     refused(1, "need different folders", "compare", finished, finished)
-
-
-def test_parts_are_merged(curricle, refused, study_file, finished, tmp_path):
-    for i in (1, 2):
-        assert curricle("run", study_file, "--out", f"part-{i}", "--shard", f"{i}/2")[0] == 0
-    code, out, _ = curricle("merge", "whole", "part-1", "part-2")
-    assert (code, out) == (0, "4 seeds of 2 folders in whole\n")
-    for name in ("results.parquet", "decisions.parquet"):
-        assert (tmp_path / "whole" / name).read_bytes() == (finished / name).read_bytes()
-    refused(2, "Missing argument", "merge", "whole")
-    refused(1, "has none", "merge", "whole", "nowhere")
 
 
 # -- sweeps and tunings ------------------------------------------------------------------------
@@ -349,36 +354,121 @@ def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
 # -- sentences -----------------------------------------------------------------------------------
 
 
-def test_commands_with_spaces_can_be_pasted(curricle, tmp_path):
-    _, out, _ = curricle("new", "maze", "my maze.toml")
-    check, run = "curricle check 'my maze.toml'", "curricle run 'my maze.toml'"
-    assert out == f"Wrote my maze.toml: {check}, then {run}\n"
-    code, out, complaint = curricle(
-        "run", "my maze.toml", "--seeds", "1", "--set", "tasks.maze.budget=400"
+def python(*arguments, **environment):
+    """Return a finished process of Python; it does not import what is slow to import."""
+    env = {**os.environ, **environment}
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, env=env)
+
+
+LIGHT = """
+import sys
+from curricle.cli import main
+sys.argv = ['curricle', *sys.argv[1:]]
+try: main()
+except SystemExit: pass
+finally: assert not {'numba', 'matplotlib', 'pyarrow'} & set(sys.modules)
+"""
+"""Runs a command, which must not import what takes long."""
+
+
+@pytest.mark.parametrize(
+    "command", [registered.callback.__name__ for registered in app.registered_commands]
+)
+def test_nothing_is_cut_in_the_help_at_80_columns(command):
+    shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"}).stdout
+    assert f" {command} [OPTIONS]" in shown
+    assert "…" not in shown
+    assert not re.search("<bool>|--no-", shown)
+
+
+def test_help_imports_neither_numba_nor_matplotlib():
+    done = python("-c", LIGHT, "--help")
+    assert done.returncode == 0, done.stderr
+    assert "Exit codes" in done.stdout
+
+
+def test_the_version_is_the_packages():
+    done = python("-m", "curricle", "--version")
+    assert (done.returncode, done.stdout) == (0, f"curricle {version('curricle')}\n")
+
+
+@pytest.mark.parametrize(("typed", "expected"), [("che", "check"), ("new ma", "maze")])
+def test_a_shell_completes_commands_and_kinds(typed, expected):
+    asked = {"COMP_WORDS": f"curricle {typed}", "COMP_CWORD": str(len(typed.split()))}
+    done = python("-c", LIGHT, _CURRICLE_COMPLETE="complete_bash", **asked)
+    assert done.stdout.split() == [expected]
+    assert "AssertionError" not in done.stderr
+
+
+def test_what_compiles_says_so_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code = (
+        "from curricle.progress import compilation\n"
+        "listener = compilation()\n"
+        "listener.prints = True\n"
+        "from tests_loops import first, second\n"
+        "first(1); second(1)\n"
+        "print(listener.loops)"
     )
-    assert code == 0, complaint
-    show, report = "curricle show 'my maze-results'", "curricle report 'my maze-results'"
-    assert out == f"Stored in my maze-results: {show}, {report}\n"
-    code, out, _ = curricle("show", "my maze-results")  # one seed, which deviates from nothing
-    assert code == 0
-    assert "1 of 1 seed finished" in out
-    assert "±" not in out
+    (tmp_path / "tests_loops.py").write_text(
+        "from numba import njit\n"
+        "@njit\ndef part(n): return n + 1\n"
+        "@njit(cache=True)\ndef first(n): return part(n)\n"
+        "@njit(cache=True)\ndef second(n): return part(n) + 1\n"
+    )
+    done = [python("-c", code, NUMBA_CACHE_DIR=str(tmp_path / "cache")) for _ in range(2)]
+    said = [(run.stdout, run.stderr.count("curricle: compiling, once")) for run in done]
+    assert said == [("2\n", 1), ("0\n", 0)]
 
 
-def test_a_report_that_would_be_refused_is_not_offered(curricle, refused):
-    curricle("new", "maze")
-    small = ("--seeds", "1", "--set", "tasks.maze.budget=400", "--set", "scratch=false")
-    _, out, _ = curricle("run", "maze.toml", *small)
-    assert out == "Stored in maze-results: curricle show maze-results\n"
-    refused(1, "a comparison needs the target learnt from scratch", "report", "maze-results")
+# -- run --open --------------------------------------------------------
 
 
-def test_show_before_the_first_unit_has_no_empty_table(curricle, finished, tmp_path):
-    begun = tmp_path / "begun"
-    shutil.copytree(finished, begun)
-    for unit in StudyStore(begun).units():
-        unit.path.unlink()
-    code, out, _ = curricle("show", begun)
-    assert code == 0
-    assert "no unit is stored yet" in out
-    assert "greedy return" not in out
+@pytest.fixture
+def opened(monkeypatch):
+    """The addresses that a browser was told to open, once there is one."""
+    addresses, asked = [], Event()
+
+    def note(address):
+        addresses.append(address)
+        asked.set()
+
+    monkeypatch.setattr(webbrowser, "open", note)
+    monkeypatch.setattr(progress_bars, "has_windows", lambda: True)
+    return lambda: asked.wait(60) and addresses
+
+
+SHORT = "budget=400"
+
+
+def test_the_page_of_a_run_is_opened_while_it_runs_and_becomes_its_report(
+    curricle, opened, tmp_path
+):
+    Path("line.toml").write_text(CORNER, "utf-8")
+    code, out, _ = curricle("run", "line.toml", "--open", "--seeds", "2", "--set", SHORT)
+    (address,) = opened()
+    page = Path(urlparse(address).path)
+    assert (code, page) == (0, tmp_path / "line-results" / "report.html")
+    assert out.startswith("Open line-results/report.html: it is written anew")
+    assert page.read_text("utf-8") == page_of(StudyResults("line-results"))
+
+
+def test_the_page_of_a_study_that_compares_nothing_is_no_report(
+    curricle, opened, study_file, tmp_path
+):
+    alone = ["--seeds", "1", "--set", "compared=false", "--arm", "chain", "--open"]
+    assert curricle("run", study_file, "--out", tmp_path / "out", *alone)[0] == 0
+    assert "The run is over" in (tmp_path / "out" / "report.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("variables", "windows"),
+    [({}, False), ({"DISPLAY": ":0"}, True), ({"WAYLAND_DISPLAY": "wayland-0"}, True)],
+)
+def test_a_browser_in_the_terminal_is_not_opened(monkeypatch, variables, windows):
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert progress_bars.has_windows() is windows

@@ -1,27 +1,34 @@
-"""Study files: tables have the parameters of the library's classes, and build what they say."""
+"""Study files: what their tables may say and build, seeds, settings, arms, and what is set."""
 
 import inspect
+import json
+import re
+import subprocess
+import sys
+import textwrap
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
+from hypothesis import given, strategies as st
 from pydantic import ValidationError
 
 import curricle as cr
+from curricle import GridWorld
 from curricle.checks import number
 from curricle.curriculum.curriculum import SETTINGS
 from curricle.errors import SettingError
-from curricle.learning import (
-    Learner,
-    OptimisticQLearning,
-    harmonic,
-    linear,
-)
+from curricle.learning import Learner, OptimisticQLearning, harmonic, linear
 from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
+from curricle.study import StudyConfig, read_study
+from curricle.study.config import json_schema
+from curricle.study.templates import KINDS, template
 from curricle.study_file import schema as settings, task_tables as tasks
+from curricle.study_file.file import merged
 from curricle.study_file.schema import table_of
 from curricle.transfer import aggregate as aggregation
-from tests.support.studies import HUNT, MAZE, only
+from tests.support.studies import CORNER, HUNT, MAZE, only
 
 
 @dataclass(frozen=True)
@@ -114,27 +121,20 @@ def test_choices_are_those_of_the_library():
 
 def test_a_crop_is_a_part_of_another_task_and_of_a_part(read):
     study = read(
-        MAZE
-        + """
-        [tasks.corner]
-        type = "crop"
-        of = "right"
-        rows = [0, 2]
-        columns = [3, 5]
-        start = [[1, 4]]
+        """
+        name = "crops"
         [tasks]
+        corner = { type = "crop", of = "right", rows = [0, 2], columns = [3, 5], start = [[1, 4]] }
         right = { type = "crop", of = "maze", rows = [0, 3], columns = [2, 5] }
-        [[transfers]]
-        source = "corner"
-        target = "right"
-        mapping = "same_position"
-        [[transfers]]
-        source = "right"
-        target = "maze"
-        mapping = "same_position"
+        maze = { type = "maze", map = "....T\\n.PPP.\\nS...." }
+        [arms.only]
+        transfers = [
+            { source = "corner", target = "right", mapping = "same_position" },
+            { source = "right", target = "maze", mapping = "same_position" },
+        ]
         """
     )
-    made = only(study).tasks
+    made = only(study, "only").tasks
     maze = cr.GridWorld(["....T", ".PPP.", "S...."])
     right = maze.crop(rows=(0, 3), columns=(2, 5))
     assert made == {
@@ -200,7 +200,14 @@ discount = 1
     ],
 )
 def test_a_task_is_the_one_described(read, table, made):
-    assert only(read(f"name = 'x'\n[tasks.it]\n{table}")).tasks["it"] == made
+    study = read(f"name = 'x'\n[tasks.it]\n{table}")
+    assert only(study).tasks["it"] == made
+    assert again(study) == study
+
+
+def again(study):
+    """Return the study that its plain data describe."""
+    return StudyConfig.from_data(json.loads(json.dumps(study.to_data())), study.folder)
 
 
 LEARNER = "tasks.hunt.learner"
@@ -228,7 +235,9 @@ SAID = [
 
 @pytest.mark.parametrize(("key", "value", "made"), SAID)
 def test_a_setting_is_the_one_described(read, key, value, made):
-    assert only(read(HUNT, set=[f"{key}={value}"])).setting(key.split(".")[-1], "hunt") == made
+    study = read(HUNT, set=[f"{key}={value}"])
+    assert only(study).setting(key.split(".")[-1], "hunt") == made
+    assert again(study) == study
 
 
 def test_an_arm_guards_the_shaping_of_the_study(read):
@@ -236,3 +245,237 @@ def test_an_arm_guards_the_shaping_of_the_study(read):
     study = read(HUNT.replace("[learner]", "shaping = 'LookAheadAdvice'\n[learner]") + arms)
     made = [study.curriculum(arm).setting("shaping", "hunt") for arm in ("plain", "guarded")]
     assert made == [cr.LookAheadAdvice(), cr.LookAheadAdvice(portfolio=cr.Portfolio())]
+
+
+# Seeds.
+
+
+@pytest.mark.parametrize(
+    ("said", "made"),
+    [
+        ("3", (0, 1, 2)),
+        ("[7, 0]", (7, 0)),
+        ("'0-2'", (0, 1, 2)),
+        ("'0-1, 8,20-21'", (0, 1, 8, 20, 21)),
+    ],
+)
+def test_seeds_may_be_a_number_a_list_or_ranges(read, said, made):
+    assert read(MAZE, set=[f"seeds={said}"]).seeds == made
+
+
+def test_everything_else_has_a_default(read):
+    study = read(MAZE)
+    assert study.seeds == tuple(range(30))
+    assert (study.seeds_per_unit, study.threshold, study.window) == (5, None, 5)
+    assert study.scratch
+    assert list(study.arms) == ["transfer"]
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(read, tmp_path):
+    expected = read(MAZE)
+    (tmp_path / "windows.toml").write_bytes(b"\xef\xbb\xbf" + MAZE.replace("\n", "\r\n").encode())
+    assert read_study(tmp_path / "windows.toml") == expected
+
+
+# Settings for all tasks, for one, and in an arm.
+
+
+def test_an_arm_changes_what_it_says_and_nothing_else(read):
+    study = read(
+        HUNT
+        + """
+        [arms]
+        minimum = {}
+        mean.aggregate = "mean"
+        long-chase.tasks.chase = { budget = 9_000, learner.epsilon = 0.5 }
+        one-source.transfers = [1]
+        scaled.transfers.0.scale = 3
+        """
+    )
+    arms = study.curricula
+    assert list(arms) == ["minimum", "mean", "long-chase", "one-source", "scaled"]
+    assert [a.setting("aggregate", "hunt") for a in arms.values()].count(cr.minimum) == 4
+    assert arms["mean"].setting("aggregate", "hunt") is cr.mean
+    caps = [a.setting("budget", "chase").max_steps for a in arms.values()]
+    assert caps == [2_000, 2_000, 9_000, 2_000, 2_000]
+    assert arms["long-chase"].setting("learner", "chase") == cr.QLearning(0.2, 0.5)
+    assert [len(a.transfers) for a in arms.values()] == [2, 2, 2, 1, 2]
+    assert arms["one-source"].transfers[0].mapping.renaming == {"predator": "predator_2"}
+    assert [t.scale for t in arms["scaled"].transfers] == [3, 2]
+    assert len({id(a.tasks["hunt"]) for a in arms.values()}) == 1
+
+
+def test_an_arm_without_a_source_is_without_its_task(read):
+    more = """
+        [tasks]
+        small = { type = "pursuit", size = 2, predators = 1 }
+        [[transfers]]
+        source = "small"
+        target = "chase"
+        project = {}
+        [arms]
+        three = {}
+        two.transfers = [0, 1]
+        other.transfers = [{ source = "small", target = "hunt", project.predator = "predator_1" }]
+    """
+    arms = read(HUNT + more).curricula
+    assert {name: set(arm.tasks) for name, arm in arms.items()} == {
+        "three": {"small", "chase", "hunt"},
+        "two": {"chase", "hunt"},
+        "other": {"small", "hunt"},
+    }
+
+
+def test_arms_may_fill_in_what_the_study_leaves_open(read):
+    text = CORNER.replace("rows = [0, 2]\ncolumns = [2, 5]\n", "")
+    small = "small.tasks.corner = { rows = [0, 1], columns = [3, 5] }"
+    large = "large.tasks.corner = { rows = [0, 2], columns = [2, 5] }"
+    study = read(f"{text}\n[arms]\n{small}\n{large}\n")
+    assert [arm.tasks["corner"].states.size for arm in study.curricula.values()] == [2, 6]
+
+
+RULE, EPISODES = {"max_steps": 9, "threshold": 1}, {"episodes": 3}
+HUNTING, DRAWN = {"type": "pursuit", "size": 4, "budget": 9}, {"type": "maze", "map": "S.T"}
+WIDE = {"type": "OptimisticQLearning", "value_range": [0, 9], "epsilon": 0.3}
+PLAIN = {"type": "QLearning", "learning_rate": 0.3}
+MERGED = [
+    ({"budget": 5}, {"budget": EPISODES}, {"budget": EPISODES}),
+    ({"budget": RULE}, {"budget": EPISODES}, {"budget": EPISODES}),
+    ({"map": "S.T"}, {"file": "x.txt"}, {"file": "x.txt"}),
+    ({"epsilon": 0.1}, {"inverse_temperature": 1}, {"inverse_temperature": 1}),
+    (HUNTING, DRAWN, {**DRAWN, "budget": 9}),
+    ({"learner": PLAIN}, {"learner": {"type": "SARSA"}}, {"learner": {**PLAIN, "type": "SARSA"}}),
+    (
+        {"learner": WIDE},
+        {"learner": {"type": "SARSA"}},
+        {"learner": {"type": "SARSA", "epsilon": 0.3}},
+    ),
+    (  # the keys of a maker's arguments are its own
+        {"arguments": {"type": "ice", "map": "m", "size": {"type": 1, "rows": 2}}},
+        {"arguments": {"type": "snow", "file": "f", "size": {"type": 2}}},
+        {"arguments": {"type": "snow", "map": "m", "file": "f", "size": {"type": 2, "rows": 2}}},
+    ),
+]
+
+
+@pytest.mark.parametrize(("base", "patch", "expected"), MERGED)
+def test_merging(base, patch, expected):
+    assert merged(base, patch) == expected
+
+
+TREES = st.recursive(
+    st.integers(0, 3) | st.lists(st.integers(0, 3)),
+    lambda inner: st.dictionaries(st.sampled_from("abcd"), inner, max_size=3),
+    max_leaves=8,
+)
+TABLES = st.dictionaries(st.sampled_from("abcd"), TREES, max_size=4)
+
+
+@given(TABLES, TABLES)
+def test_merging_twice_is_merging_once_and_nothing_changes_nothing(first, second):
+    assert merged(first, {}) == merged({}, first) == merged(first, first) == first
+    assert merged(merged(first, second), second) == merged(first, second)
+
+
+# Setting things from outside.
+
+
+def test_what_is_set_is_read_as_toml_or_else_as_text(read):
+    study = read(
+        HUNT,
+        set=[
+            "name=short",
+            "seeds='0-1'",
+            "tasks.hunt.size=4",
+            "aggregate=total",
+            "seeds_per_unit = 1e1",
+        ],
+    )
+    assert study.name == "short"
+    assert study.seeds == (0, 1)
+    assert study.seeds_per_unit == 10
+    assert only(study).tasks["hunt"].size == 4
+    assert only(study).setting("aggregate", "hunt") is aggregation.total
+
+
+# As plain data.
+
+
+def test_two_ways_to_write_a_study_are_one_configuration(read):
+    short = read(HUNT)
+    long = read(
+        """
+        name = 'hunt'
+        opponents = []
+        seeds = [0, 1, 2, 3]
+        seeds_per_unit = 2.0
+        threshold = -8
+        learner = { type = "QLearning", learning_rate = 0.2, epsilon = 0.1 }
+        tasks.hunt = { type = "pursuit", size = 3, moves = 5, aggregate = "minimum", budget = 4e3 }
+        tasks.chase = { type = "pursuit", size = 3, predators = 1, budget = 2000 }
+        [arms.transfer]
+        transfers = [
+            { source = "chase", target = "hunt", project.predator = "predator_1", scale = 2.0 },
+            { source = "chase", target = "hunt", project.predator = "predator_2", scale = 2.0 },
+        ]
+        """
+    )
+    assert long == short
+    assert long.to_data() == short.to_data()
+
+
+def test_a_configuration_holds_its_maps(read, tmp_path):
+    (tmp_path / "maze.txt").write_text("....T\n.PPP.\nS....\n")
+    by_file = read(
+        "name = 'maze'\nopponents = []\ntasks.maze = { type = 'maze', file = 'maze.txt' }"
+    )
+    (tmp_path / "maze.txt").unlink()
+    assert by_file == read(MAZE)
+    again = StudyConfig.from_data(by_file.to_data(), Path("elsewhere"))
+    assert only(again).tasks["maze"] == GridWorld(["....T", ".PPP.", "S...."])
+
+
+# The schema and the templates.
+
+
+def test_the_schema_says_what_each_key_means():
+    schema = json_schema()
+    tables = [
+        schema,
+        *(definition for definition in schema["$defs"].values() if "properties" in definition),
+    ]
+    assert {"maze", "Transfer", "ArmPatch", "FamilyTask"} <= {table["title"] for table in tables}
+    assert {"deep", "observation_task", "MiniGridView", "TuneTable"} <= schema["$defs"].keys()
+    assert {"arms", "sweep"} <= schema["properties"].keys()
+    for table in tables:
+        # Their keys are the parameters of a family, or those of any setting.
+        if table["title"] not in ("FamilyTask", "SweepTable"):
+            assert table["additionalProperties"] is False
+        assert table["description"]
+        for name, value in table["properties"].items():
+            assert name == "type" or value["description"], (table["title"], name)
+    assert set(schema["required"]) == {"name", "tasks"}
+    json.dumps(schema)
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_what_a_template_shows_as_defaults_are_the_defaults(read, kind):
+    shown = re.sub(r"(?m)^# (?!threshold|encode|aggregate)([\w.]+ = )", r"\1", template(kind))
+    assert shown != template(kind)
+    assert read(shown) == read(template(kind))
+
+
+def test_a_mistake_is_told_without_loading_anything_heavy(tmp_path):
+    (tmp_path / "study.toml").write_text(HUNT.replace("predators", "predatrs"))
+    code = """
+        import sys
+        from curricle.errors import ConfigError, SettingError
+        from curricle.study import read_study
+        try:
+            read_study(sys.argv[1])
+        except ConfigError as error:
+            assert "predatrs" in str(error)
+            sys.exit(bool({"pyarrow", "matplotlib", "torch"} & set(sys.modules)))
+    """
+    command = [sys.executable, "-c", textwrap.dedent(code), str(tmp_path / "study.toml")]
+    assert subprocess.run(command, check=False).returncode == 0

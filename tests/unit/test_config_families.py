@@ -5,15 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from curricle import GridWorld, Pursuit, project, run_study, solve
+from curricle import GridWorld, Pursuit, project, solve
 from curricle.errors import ConfigError
 from curricle.planning import visit_distribution
 from curricle.study import StudyConfig
-from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import FourRooms, GoalDistance, maze_family, taxi_family, with_start
-from tests.support.studies import OBSERVED_HUNT, reader
+from tests.support.studies import reader
 
-NAMES = ", ".join(BUILT_IN)
 HUNT = """\
 name = "hunt"
 seeds = 2
@@ -51,6 +49,10 @@ from curricle.tasks import Rule, task_family
 def by_cells(target, source):
     return [same_position(target.task, source.task)]
 
+@task_family()
+def lane(budget: int = 3):
+    return GridWorld("S.T")
+
 @task_family(mapping=by_cells)
 def corridor(
     length: Annotated[int, Rule(2, 9, "larger")], treasure: float = 200.0, limit: int | None = 50
@@ -83,27 +85,15 @@ def read_family(tmp_path):
     return reader(tmp_path)
 
 
-def test_members_are_tasks(read_family):
+def test_members_are_tasks_and_a_familys_mappings_transfers_of_their_own(read_family):
     curriculum = read_family(HUNT).curriculum("transfer")
     settings = {"torus": True, "discount": 0.95}
-    assert curriculum.tasks["chase"] == Pursuit(3, 1, **settings)
-    assert curriculum.tasks["hunt"] == Pursuit(3, 2, time_limit=None, **settings)
+    hunt, chase = Pursuit(3, 2, time_limit=None, **settings), Pursuit(3, 1, **settings)
+    assert curriculum.tasks == {"chase": chase, "hunt": hunt}
     assert curriculum.setting("budget", "hunt") == 400
-
-
-def test_a_familys_mappings_are_transfers_of_their_own(read_family):
-    curriculum = read_family(HUNT).curriculum("transfer")
-    hunt, chase = curriculum.tasks["hunt"], curriculum.tasks["chase"]
     assert [edge.scale for edge in curriculum.transfers] == [0.5, 0.5]
     for edge, name in zip(curriculum.transfers, hunt.predator_names, strict=True):
         assert (edge.mapping.index == project(hunt, chase, predator=name).index).all()
-
-
-def test_parameters_left_out_have_the_familys_defaults(read_family):
-    text = 'name = "maze"\n[tasks]\nmaze = { family = "maze", size = 4.0, seed = 2 }'
-    assert (
-        read_family(text).curriculum("transfer").tasks["maze"] == maze_family(size=4, seed=2).task
-    )
 
 
 def test_a_family_of_ones_own(read_family):
@@ -127,6 +117,7 @@ def test_a_crop_of_a_familys_maze(read_family):
         mapping = "same_position"
     """
     tasks = read_family(text).curriculum("transfer").tasks
+    assert tasks["maze"] == maze_family(size=6, seed=1).task  # all else has the family's defaults
     assert tasks["part"] == maze_family(size=3, seed=1, start="uniform").task
 
 
@@ -147,13 +138,11 @@ def test_arms_change_parameters_and_families(read_family):
     text = (
         HUNT
         + """
-[arms.same]
-[arms.small]
-tasks.chase.size = 2
-[arms.walled]
-tasks.chase.torus = false
-[arms.other]
-tasks.chase = { family = "maze", size = 3, seed = 1 }
+[arms]
+same = {}
+small.tasks.chase.size = 2
+walled.tasks.chase.torus = false
+other.tasks.chase = { family = "maze", size = 3, seed = 1 }
 [arms.maze]
 tasks.chase = { type = "maze", map = "S.T" }
 transfers = [{ source = "chase", target = "hunt", factory = "own:by_cells" }]
@@ -174,18 +163,14 @@ transfers = [{ source = "chase", target = "hunt", factory = "own:by_cells" }]
     assert len(study.curriculum("small").transfers) == 2
 
 
-def test_a_study_of_families_runs(read_family, tmp_path):
-    results = run_study(read_family(HUNT), tmp_path / "results")
-    assert len(results.record.arms["transfer"].transfers) == 2
-
-
-def test_a_crop_of_what_is_no_maze_is_refused(read_family):
-    text = HUNT.replace('mapping = "family"', "project = {}").replace(
-        'family = "pursuit"\nsize = 3\npredators = 1\ntorus = true\ndiscount = 0.95',
-        'type = "crop"\nof = "hunt"\nrows = [0, 2]\ncolumns = [0, 2]',
+def test_a_crop_of_what_is_no_maze_is_refused(read):
+    hunt, crop = (
+        '{ family = "pursuit" }',
+        '{ type = "crop", of = "hunt", rows = [0, 2], columns = [0, 2] }',
     )
+    text = f'name = "parts"\n[tasks]\nhunt = {hunt}\npart = {crop}'
     with pytest.raises(ConfigError, match="what a crop is a part of must be one of GridWorld, "):
-        _ = read_family(text).curricula
+        _ = read(text).curricula
 
 
 # -- start states ----------------------------------------------------------------------
@@ -227,14 +212,13 @@ def task_of(read, text):
     return made
 
 
-def test_a_maze_starts_in_a_ring(read):
-    study = read(STARTS)
-    tasks = study.curriculum("transfer").tasks
-    assert tasks["near"] == with_start(ROUGH, GoalDistance(1, 3))
-    assert tasks["maze"] == ROUGH
+def test_a_maze_starts_in_a_ring_that_an_arm_moves(read):
+    study = read(f"{STARTS}\n[arms.near]\n[arms.far]\ntasks.near.start_states.distance = [2, 4]\n")
     again = StudyConfig.from_data(json.loads(json.dumps(study.to_data())), study.folder)
     assert again == study
-    assert again.curriculum("transfer").tasks["near"] == tasks["near"]
+    for arm, ring in (("near", (1, 3)), ("far", (2, 4))):
+        tasks = again.curriculum(arm).tasks
+        assert tasks == {"near": with_start(ROUGH, GoalDistance(*ring)), "maze": ROUGH}
 
 
 ROOMS = FourRooms(9)
@@ -264,35 +248,5 @@ def test_tasks_of_every_type_start_where_they_are_told(read, kind, said, expecte
 def test_tables_of_gymnasium_start_in_a_ring(read):
     text = 'type = "gymnasium", id = "FrozenLake-v1", start_states = { distance = [1, 2] }'
     assert np.flatnonzero(task_of(read, text).start).tolist() == [10, 13, 14]
-
-
-def test_rings_are_a_curriculum(read, tmp_path):
-    """An arm moves the ring, and the study runs."""
-    text = STARTS + "\n[arms.near]\n[arms.far]\ntasks.near.start_states.distance = [2, 4]\n"
-    study = read(text)
-    starts = [study.curriculum(arm).tasks["near"].start for arm in ("near", "far")]
-    assert starts[0] != starts[1]
-    run_study(study, tmp_path / "results")
-
-
-def test_tasks_without_tables_are_refused(read, complaints):
-    text = OBSERVED_HUNT.replace(
-        'type = "observation_task"', 'type = "observation_task"\nstart_states = "uniform"'
-    )
-    lines = complaints(text)
-    assert any("tasks.hunt.start_states must be left out for hunt" in line for line in lines)
-    live = 'type = "gymnasium", id = "Blackjack-v1", start_states = "uniform"'
     with pytest.raises(ConfigError, match="has no tables"):
-        task_of(read, live)
-
-
-def test_a_family_whose_parameter_is_a_key_of_tasks_is_refused(read, tmp_path):
-    (tmp_path / "own.py").write_text(
-        "from curricle import GridWorld\n"
-        "from curricle.tasks import task_family\n"
-        "@task_family()\n"
-        "def lane(budget: int = 3):\n"
-        "    return GridWorld('S.T')\n"
-    )
-    with pytest.raises(ConfigError, match="own:lane has the parameter budget, which is a key of"):
-        task_of(read, 'family = "own:lane"')
+        task_of(read, 'type = "gymnasium", id = "Blackjack-v1", start_states = "uniform"')

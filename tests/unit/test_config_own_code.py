@@ -1,6 +1,6 @@
 """Study files with code of the user's own: functions, environments, encoders, exact tables."""
 
-import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -107,12 +107,6 @@ def test_modules_of_one_name_in_two_folders_stay_apart(read, own):
     assert only(again).tasks["long"].states.size == 6
 
 
-def test_a_module_beside_the_file_comes_first(tmp_path):
-    (tmp_path / "json.py").write_text("def dumps(): return 'mine'")
-    assert load("json:dumps", tmp_path)() == "mine"
-    assert json.dumps([]) == "[]"
-
-
 def test_other_mappings(read):
     text = MAZE + "[tasks.near]\ntype='crop'\nof='maze'\nrows=[0,3]\ncolumns=[0,5]\nstart='map'\n"
     edge = "[[transfers]]\nsource='near'\ntarget='maze'\n"
@@ -144,12 +138,11 @@ factory = "rules:maze"
 """
 
 
-@pytest.mark.parametrize("command", [["check"], ["run", "--dry-run"]])
-def test_a_module_is_named_before_it_runs(tmp_path, command):
+def test_a_module_is_named_before_it_runs(tmp_path):
     (tmp_path / "rules.py").write_text(RULES)
     (tmp_path / "own.toml").write_text(OWN_STUDY)
     done = subprocess.run(
-        [sys.executable, "-m", "curricle", *command, "own.toml"],
+        [sys.executable, "-m", "curricle", "check", "own.toml"],
         cwd=tmp_path,
         capture_output=True,
         text=True,
@@ -268,23 +261,6 @@ def test_tables_and_networks_take_a_class_too(built_room):
     seen = built_room(observed)
     assert seen.observations.shape == (7,)
     assert str(seen.make) == "own:Room(encode=own:seen)"  # as the file names them
-
-
-PAIR = ROOMS + """
-small = { type = "gymnasium", factory = "own:Room", arguments = { size = 2 }, names = ["row", "x"] }
-[[transfers]]
-source = "small"
-target = "room"
-project = { x = "column" }
-"""  # fmt: skip
-
-
-def test_components_are_mapped_by_their_names(room_folder):
-    curriculum = only(reader(room_folder)(PAIR), "transfer")
-    assert (
-        repr(curriculum.transfers[0].mapping)
-        == "ComponentMapping(row=row, x=column, action=action)"
-    )
 
 
 # -- environments as exact tables ------------------------------------------------------------
@@ -424,33 +400,26 @@ def test_a_function_of_environments_is_one(read_level):
     text = ENCODED.replace('type = "deep"', 'type = "deep", policy = "MultiInputPolicy"')
     with pytest.raises(ConfigError, match="reads pictures by NatureCNN"):
         _ = read_level("'own:image'", text).curricula
+    with pytest.raises(ConfigError, match=r"'mission' is MissionSpace.*MiniGridView"):
+        _ = read_level("", ENCODED.replace("encode = ENCODE", "")).curricula
     text = ENCODED.replace(f'id = "{LEVEL}"', "factory = 'own:level'\narguments = { size = 6 }")
     task = only_task(read_level("'MiniGridView'", text))
     assert task.observations.shape == (984,)
     assert task.environment().unwrapped.width == 6
-
-
-def test_tables_are_encoded_too(read_level):
     text = ENCODED.replace('"observation_task"', '"tabulated"')
-    text = text.replace('learner = { type = "deep" }', "")
-    table = only_task(read_level("'MiniGridView'", text))
+    table = only_task(read_level("'MiniGridView'", text.replace('learner = { type = "deep" }', "")))
     assert table.observations.batch().shape == (table.states.size, 984)
 
 
-def test_what_a_network_cannot_take_is_told_when_the_file_is_checked(read_level):
-    with pytest.raises(ConfigError, match=r"'mission' is MissionSpace.*MiniGridView"):
-        _ = read_level("", ENCODED.replace("encode = ENCODE", "")).curricula
-
-
 def test_live_targets_of_other_code_are_not_compared(room_folder):
-    target = 'room = { type = "gymnasium", factory = "own:Room", time_limit = 20, budget = 300 }'
-    small = 'small = { type = "gymnasium", factory = "own:Room", time_limit = 20, budget = 100 }'
-    edge = '[[transfers]]\nsource = "small"\ntarget = "room"\nmapping = "identity"'
-    text = f'name = "rooms"\nseeds = 2\nopponents = []\n[tasks]\n{target}\n{small}\n{edge}\n'
-    Path("rooms.toml").write_text(text)
-    for folder, changed in (("a", ""), ("b", ""), ("c", "\nREWARD = 10\n")):
+    line = ROOM.replace(', names = ["row", "column"]', ", budget = 100")
+    small, file = line.replace("room =", "small ="), Path("rooms.toml")
+    edge = "[[transfers]]\nsource = 'small'\ntarget = 'room'\nmapping = 'identity'\n"
+    file.write_text(f"{ROOMS.replace(ROOM, line)}{small}\n{edge}")
+    for folder, changed in (("a", ""), ("c", "\nREWARD = 10\n")):
         Path("own.py").write_text(OWN_ROOM + changed)
-        run_study(cr.read_study("rooms.toml"), folder)
+        run_study(cr.read_study(file, set=["opponents=[]", "seeds=2"]), folder)
+    shutil.copytree("a", "b")
     assert len(compare_studies([StudyResults("a"), StudyResults("b")]).arms) == 3
     with pytest.raises(CurriculumError, match="its code tells, which is not the same in a and c"):
         compare_studies([StudyResults("a"), StudyResults("c")])

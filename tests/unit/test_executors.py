@@ -1,62 +1,24 @@
 """Executors of other processes: the window of units, and what is sent; no cluster is needed."""
 
-import pickle
 import re
 import sys
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
 
 from curricle.cli import progress_bars
 from curricle.cli.progress_bars import run_with_bars
-from curricle.comparison import plan
-from curricle.errors import (
-    ConfigError,
-    EngineError,
-    SettingError,
-    StudyError,
-)
-from curricle.study import (
-    read_study,
-    run_study,
-    running,
-)
+from curricle.errors import ConfigError, EngineError, SettingError, StudyError
+from curricle.study import read_study, run_study, running
 from curricle.study.arms import Arms, UnitInput
 from curricle.study.executors import Workers, _folder_with, train_sent, versions_here
-from curricle.study.store import StudyStore
 from curricle.study.tuning import with_trials
 from curricle.study.workers import dask_address, dask_cluster
+from tests.support.executors import Held, sent_units
 from tests.support.sent_folders import RULES, STUDY
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-
-
-class Held(Executor):
-    """Holds what is submitted; each time its workers are counted, their number may change."""
-
-    def __init__(self, numbers):
-        self.numbers, self.held, self.most = list(numbers), [], []
-
-    def submit(self, function, argument):
-        self.held.append((Future(), function, argument))
-        return self.held[-1][0]
-
-    def count(self):
-        if len(self.numbers) > 1:
-            return self.numbers.pop(0)
-        return self.numbers[0]
-
-    def wait(self, futures, timeout, return_when):
-        """Return nothing while the number of workers changes, else the first that was held."""
-        self.most.append(len(futures))
-        if not futures:
-            return set(), set()
-        if len(self.numbers) > 1:
-            return set(), set(futures)
-        future, function, argument = self.held.pop(0)
-        future.set_result(function(argument))
-        return {future}, set()
 
 
 @pytest.fixture
@@ -66,21 +28,14 @@ def own_study(tmp_path):
     return read_study(tmp_path / "own.toml")
 
 
-def sent_units(pool, monkeypatch, study, out, **settings):
-    with monkeypatch.context() as patch:
-        patch.setattr(plan, "wait", pool.wait)
-        return run_study(study, out, executor=pool, workers=pool.count, **settings)
-
-
-@pytest.mark.parametrize(
-    "on", ["slurm", "", "dask://", "dask://host", "ray", "dask://a b:1", "DASK"]
-)
-def test_an_unknown_cluster_is_refused(on):
-    with pytest.raises(SettingError, match="on must be dask, or an address as dask://host:8786"):
-        dask_address(on)
-
-
-def test_a_cluster_needs_its_extra_and_has_workers_of_its_own(monkeypatch):
+def test_what_is_no_cluster_or_executor_is_refused(study_file, tmp_path, monkeypatch):
+    for on in ("slurm", "", "dask://", "dask://host", "ray", "dask://a b:1", "DASK"):
+        with pytest.raises(
+            SettingError, match="on must be dask, or an address as dask://host:8786"
+        ):
+            dask_address(on)
+    with pytest.raises(SettingError, match="workers must be a number without an executor"):
+        run_study(read_study(study_file), tmp_path / "out", workers=lambda: 2)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
         pytest.raises(SettingError, match=r'not installed: pip install "curricle\[dask\]"'),
@@ -92,11 +47,6 @@ def test_a_cluster_needs_its_extra_and_has_workers_of_its_own(monkeypatch):
         dask_cluster("dask://host:1", 2),
     ):
         pass
-
-
-def test_a_number_of_workers_that_changes_needs_an_executor(study_file, tmp_path):
-    with pytest.raises(SettingError, match="workers must be a number without an executor"):
-        run_study(read_study(study_file), tmp_path / "out", workers=lambda: 2)
 
 
 def test_other_versions_name_the_worker_and_what_differs():
@@ -130,9 +80,7 @@ def test_units_that_an_executor_cancels_say_that_it_was_lost(study_file, tmp_pat
 
 
 def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch):
-    arms, pool, first = Arms.of(own_study), Held([2]), []
-    submit = pool.submit
-    pool.submit = lambda function, sent: first.append(sent) or submit(function, sent)
+    arms, pool = Arms.of(own_study), Held([2])
     monkeypatch.setattr(running, "Arms", SimpleNamespace(of=lambda _: arms))
     made = Workers.of
 
@@ -143,14 +91,12 @@ def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch)
 
     monkeypatch.setattr(Workers, "of", elsewhere)
     assert sent_units(pool, monkeypatch, own_study, tmp_path / "out").seeds == (0, 1)
-    assert first[0].files == {"rules.py": RULES.encode()}
-    other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
+    assert pool.submitted[0].files == {"rules.py": RULES.encode()}
+    other = pool.submitted[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
     error = train_sent(other)
     assert isinstance(error, ConfigError)
     assert "rules.py must not change during a run" in str(error)
-
-
-def test_a_worker_that_sees_the_modules_uses_them_where_data_may_lie_beside_them(tmp_path):
+    # A worker that sees the modules uses them where data may lie beside them.
     (tmp_path / "rules.py").write_text(RULES)
     assert _folder_with({"rules.py": RULES.encode()}, tmp_path) == tmp_path
     assert _folder_with({"rules.py": b"# another version"}, tmp_path) != tmp_path
@@ -220,23 +166,3 @@ def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_p
 
 def stop(*_, **__):
     raise StudyError("stopped")
-
-
-class Elsewhere(Held):
-    """Workers that get copies, as those on other machines do, and send copies back."""
-
-    def submit(self, function, argument):
-        return super().submit(lambda sent: through(function(through(sent))), argument)
-
-
-def through(value):
-    return pickle.loads(pickle.dumps(value))
-
-
-def test_units_of_other_machines_are_stored_at_a_url(study_file, finished, url_of, monkeypatch):
-    sent_units(Elsewhere([2]), monkeypatch, read_study(study_file), url_of("out"))
-    units = StudyStore(url_of("out")).units()
-    assert len(units) == len(StudyStore(finished).units())
-    for unit in units:
-        file = finished / "units" / unit.path.parent.name / unit.path.name
-        assert file.read_bytes() == unit.path.read_bytes()

@@ -1,7 +1,6 @@
-"""Forecasts: what they say before the target is trained, and what ``check`` prints of them."""
+"""Forecasts and trials: what is said before the target is trained, and what ``check`` prints."""
 
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +8,17 @@ import pytest
 
 import curricle as cr
 from curricle.cli import output
-from curricle.cli.app import main
+from curricle.comparison import trial as trials
+from curricle.comparison.comparison import Comparison
 from curricle.comparison.cost import SLOWER
+from curricle.comparison.forecasting import forecast
+from curricle.comparison.measures import Reference
+from curricle.comparison.plan import Memory
+from curricle.comparison.trial import Trial, affordable, apart, hindrance, rows_of, run_trial
+from curricle.errors import CurriculumError, SettingError
 from curricle.study import read_study
 from curricle.transfer.rollouts import greedy_start
-from tests.support.comparisons import MAZE, calls, copied, pursuit  # noqa: F401
+from tests.support.comparisons import MAZE, arm_of, assert_same, copied, corner, pursuit
 from tests.support.studies import CORNER
 
 LINE = cr.GridWorld("S.T", discount=0.5, time_limit=50)
@@ -22,11 +27,6 @@ LINE = cr.GridWorld("S.T", discount=0.5, time_limit=50)
 def look(plan, *target, **settings):
     """Return a forecast without a trial: what it says of the sources."""
     return cr.forecast(plan, *target, trial=False, **settings)
-
-
-def trained(calls):  # noqa: F811
-    """Return the names of the tasks that were trained, in order."""
-    return [call["stream"] for call in calls]
 
 
 # -- rows ------------------------------------------------------------------------------------------
@@ -64,7 +64,7 @@ def test_custom_aggregates_have_rows_too():
         assert float(number) == pytest.approx(row.gain.estimate, rel=0.01)
 
 
-def test_the_target_may_be_any_task_with_transfers_into_it(calls):  # noqa: F811
+def test_the_target_may_be_any_task_with_transfers_into_it(calls):
     maze = cr.GridWorld(["S..", "...", "..T"])
     tasks = {"near": maze.crop(rows=(1, 3), columns=(1, 3)), "left": maze, "far": maze}
     plan = cr.Curriculum(
@@ -76,10 +76,10 @@ def test_the_target_may_be_any_task_with_transfers_into_it(calls):  # noqa: F811
         budget=500,
     )
     predicted = look(plan, "left", seeds=1)
-    assert trained(calls) == ["near"]
+    assert [call["stream"] for call in calls] == ["near"]
     assert predicted.target == "left"
     look(plan, seeds=1, trained=predicted.trained)
-    assert trained(calls) == ["near", "left"]
+    assert [call["stream"] for call in calls] == ["near", "left"]
 
 
 def test_an_aggregate_may_be_any_object_that_can_be_called():
@@ -100,7 +100,7 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
         ({"target": "far", "aggregates": [3]}, r"must be a function \(N, S, A\).*: got 3"),
     ],
 )
-def test_what_makes_no_sense_is_refused(settings, message, calls):  # noqa: F811
+def test_what_makes_no_sense_is_refused(settings, message, calls):
     plan = cr.Curriculum(
         tasks={"near": LINE, "far": LINE, "other": LINE},
         transfers=[cr.Transfer("near", "far", cr.transfer.identity(LINE))],
@@ -150,30 +150,38 @@ STUDY = STUDY.replace("[tasks.corner]", "[tasks.corner]\nbudget = 2_000")
 
 
 @pytest.fixture
-def check(monkeypatch, capsys, tmp_path):
+def check(curricle, tmp_path):
     """A function: what is set -> what `curricle check` prints, and the study."""
-    (tmp_path / "maze.toml").write_text(STUDY)
+    file = tmp_path / "maze.toml"
+    file.write_text(STUDY)
 
     def run(*changes, flags=()):
-        arguments = [part for change in changes for part in ("--set", change)]
-        file = str(tmp_path / "maze.toml")
-        monkeypatch.setattr(sys, "argv", ["curricle", "check", file, *arguments, *flags])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert not ended.value.code
-        return capsys.readouterr().out, read_study(file, set=list(changes))
+        code, out, _ = curricle("check", file, *(f"--set={change}" for change in changes), *flags)
+        assert code == 0
+        return out, read_study(file, set=list(changes))
 
     return run
 
 
-@pytest.mark.parametrize("budget", [10, 2000])
-def test_check_prints_the_forecast_of_the_sources_as_they_will_be_trained(check, budget):
-    out, study = check(f"tasks.corner.budget.max_steps={budget}")
+def test_check_prints_the_forecast_of_the_sources_as_they_will_be_trained(check):
+    out, study = check("tasks.corner.budget.max_steps=10")
     plan = study.curriculum("transfer")
     for seeds in (3, [0, 1, 2]):
         assert str(cr.forecast(plan, seeds=seeds, opponents=study.played)) in out
     begun = r"^training corner for 3 seeds, for the forecast: about \d+ s$"
     assert re.search(begun, out, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("seeds", "few"), [(5, "(5; 6 or more)"), (6, "")])
+def test_check_and_run_warn_of_too_few_seeds(check, curricle, tmp_path, seeds, few):
+    out, _ = check(f"seeds={seeds}")
+    assert ("too few seeds for a verdict" in out) is bool(few)
+    assert few in out.splitlines()[1]
+    quick = [f"--set={set}" for set in (f"seeds={seeds}", "budget=9", "tasks.corner.budget=9")]
+    quick.append("--set=tasks.maze.budget=9")
+    _, _, said = curricle("run", tmp_path / "maze.toml", "--out", tmp_path / "out", *quick)
+    warning = [line for line in said.splitlines() if "too few" in line]
+    assert warning == ["curricle: too few seeds for a verdict (5; 6 or more)"] * bool(few)
 
 
 def test_a_budget_that_takes_long_is_trained_only_with_the_flag(check, monkeypatch):
@@ -198,17 +206,248 @@ def test_one_seed_where_three_would_be_slow(check, monkeypatch):
     assert str(cr.forecast(study, seeds=1)) in out
 
 
-@pytest.mark.parametrize(("seeds", "few"), [(5, "(5; 6 or more)"), (6, "")])
-def test_check_and_run_warn_of_too_few_seeds(check, monkeypatch, capsys, tmp_path, seeds, few):
-    out, _ = check(f"seeds={seeds}")
-    assert ("too few seeds for a verdict" in out) is bool(few)
-    assert few in out.splitlines()[1]
-    run = ["run", str(tmp_path / "maze.toml"), "--out", str(tmp_path / "out")]
-    quick = ["--set", f"seeds={seeds}", "--set", "tasks.corner.budget=9", "--set"]
-    monkeypatch.setattr(sys, "argv", ["curricle", *run, *quick, "tasks.maze.budget=9"])
-    with pytest.raises(SystemExit):
-        main()
-    lines = capsys.readouterr().err.splitlines()
-    warning = [line for line in lines if "too few" in line]
-    assert warning == ["curricle: too few seeds for a verdict (5; 6 or more)"] * bool(few)
-    assert lines[0] == warning[0] if few else True
+ALONE = {"opponents": ()}  # against the target's own learner and no other
+
+
+def words_of(text):
+    return " ".join(str(text).split())
+
+
+# -- the trial is the comparison, apart from its random numbers ------------------------------------
+
+
+def test_a_trial_is_the_comparison_with_its_tasks_renamed():
+    plan = corner()
+    (used,) = rows_of(plan, "maze")
+    comparison = run_trial([used], seeds=6).comparison
+    renamed = cr.compare(apart(plan), seeds=6)
+    for name, other in (("scratch", "scratch"), ("mean", "transfer")):
+        assert_same(comparison[name], renamed[other])
+    assert (comparison.total, comparison.threshold) == (renamed.total, renamed.threshold)
+    assert (comparison.budget, comparison.window) == (renamed.budget, renamed.window)
+
+
+def test_a_trial_is_against_the_learners_that_a_comparison_is_against(tmp_path):
+    """Of a curriculum as it is said, of a study as its file says."""
+    high, plan = {"high": cr.QLearning(initial_value=50.0)}, corner()
+    played = cr.forecast(plan, seeds=1, scratch=high, opponents=["optimistic"]).trial.comparison
+    assert played.scratches == ("scratch", "scratch, high", "scratch, OptimisticQLearning")
+    said = 'opponents = ["constant"]\nscratch_learners.high.initial_value = 50.0'
+    text = CORNER.replace("opponents = []", said)
+    (tmp_path / "study.toml").write_text(f"budget = 1_000\n{text}")
+    trial = cr.forecast(tmp_path / "study.toml", trial=True).trial.comparison
+    assert trial.scratches[:2] == ("scratch", "scratch, high")
+    assert all(name.startswith("mean, constant") for name in trial.scratches[2:])
+    assert len(trial.scratches) == 5
+
+
+def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls):
+    plan = corner()
+    cr.forecast(plan, seeds=3, **ALONE)
+    streams = [call["stream"] for call in calls]
+    assert streams == ["corner", "maze/trial", "corner/trial", "maze/trial"]
+    experiment, trial = (
+        cr.learn(MAZE, budget=1000, seeds=20, stream=stream).training_return[:, 1:]
+        for stream in ("maze", "maze/trial")
+    )
+    assert not (experiment[:, None] == trial[None]).all(axis=2).any()
+
+
+def test_each_candidate_pays_for_its_own_sources_only():
+    tasks = {"left": MAZE, "right": MAZE, "far": MAZE, "first": MAZE}
+    edges = [
+        cr.Transfer(source, target, cr.transfer.identity(MAZE))
+        for source, target in (("first", "left"), ("left", "far"), ("right", "far"))
+    ]
+    steps = {"first": 100, "left": 200, "right": 400}
+    exact = {name: cr.StoppingRule(most) for name, most in steps.items()}
+    plan = cr.Curriculum(
+        tasks, edges, budget=exact | {"far": 2000},
+        eval_freq={"far": 100},
+    )  # fmt: skip
+    comparison = cr.forecast(plan, seeds=1, **ALONE).trial.comparison
+    spent = {name: arm.curve.source_steps[0] for name, arm in comparison.arms.items()}
+    assert spent == {
+        "scratch": 0, "minimum": 700, "mean": 700, "maximum": 700, "total": 700,
+        "left -> far": 300, "right -> far": 400,
+    }  # fmt: skip
+    assert comparison.total == 2700
+
+
+def test_a_trial_is_against_fair_opponents():
+    foreseen = cr.forecast(rooms(), seeds=2)
+    assert foreseen.trial.comparison.best_opponent("mean") == "scratch, OptimisticQLearning"
+    assert foreseen.answer == "likely costs more than it brings"
+    assert " by scratch, OptimisticQLearning; takes " in foreseen.trial.numbers("mean")
+
+
+# -- what it says ----------------------------------------------------------------------------------
+
+
+def rooms():
+    """Return a curriculum from the room with the treasure to two rooms."""
+    two = cr.GridWorld(
+        ["....#....", "....#....", ".........", "....#....", "S...#...T"], time_limit=100
+    )
+    room = two.crop(rows=(0, 5), columns=(4, 9))
+    return cr.Curriculum(
+        {"room": room, "far": two},
+        [cr.Transfer("room", "far", cr.same_position(two, room))],
+        budget={"room": cr.StoppingRule(1000), "far": 20_000},
+    )
+
+
+def test_a_source_that_pays_is_said_to_pay_and_by_how_much():
+    foreseen = cr.forecast(rooms(), seeds=2, **ALONE)
+    assert (foreseen.answer, foreseen.used.gain.low > 0) == ("likely pays", True)
+    gain = foreseen.trial.comparison.contrasts["mean"].strong_gain
+    assert foreseen.used.gain is gain
+    numbers = foreseen.trial.numbers("mean")
+    pattern = (
+        r"expected steps to the threshold 146: .+ with sources \(their 1,000 steps included\), "
+        r".+ from scratch; saves .+; gain in mean return .+"
+    )
+    assert re.fullmatch(pattern, numbers)
+    assert "assumes" in foreseen.basis
+    assert words_of(foreseen).startswith(f"Forecast for 'far': likely pays {numbers}; a trial in")
+
+
+def test_gains_order_rows_and_the_best_is_named_if_it_is_not_used():
+    plan = replace(pursuit(), aggregate=cr.maximum)
+    foreseen = cr.forecast(plan, seeds=1, trial=True)
+    for kind in (True, False):
+        gains = [row.gain.estimate for row in foreseen.rows if row.aggregate == kind]
+        assert gains == sorted(gains, reverse=True)
+    assert foreseen.best.gain.estimate == max(row.gain.estimate for row in foreseen.rows)
+    assert foreseen.best.name != "maximum"
+    assert [row.name for row in foreseen.rows if row.used] == ["maximum"]
+    lines = [line for line in str(foreseen).split("\n") if line.startswith("maximum *")]
+    assert float(lines[0].split()[2]) == pytest.approx(foreseen["maximum"].gain.estimate, rel=0.01)
+
+
+def test_seeds_that_never_reach_the_threshold_are_counted():
+    """Hand-made: from scratch at 200 steps, 400 and never in 500; with 100 source steps at 200."""
+    fast, slow, nobody = [0, 9, 9, 9, 9, 9], [0, 0, 9, 9, 9, 9], arm_of([[0] * 6] * 3, 0, 100)
+    scratch = arm_of([slow, [0, 0, 0, 0, 9, 9], [0] * 6], 0, 100)
+    taught, late = arm_of([fast] * 3, 100, 100), arm_of([slow] * 3, 100, 100)
+    trial = Trial(
+        Comparison("t", {"scratch": scratch, "a": taught}, 400, 500, Reference(9.0), 1), ""
+    )
+    assert trial.numbers("a") == (
+        "expected steps to the threshold 9: 200 with sources (their 100 steps included), at least "
+        "367 [0, 500] (1 of 3 seeds never) from scratch; saves at least 167 [-213, 546]; gain in "
+        "mean return 3.3 [-4.55, 11.2]"
+    )
+    assert trial.verdict("a") == "whether it pays is open"
+    swapped = Trial(
+        Comparison(
+            "t", {"scratch": arm_of([fast] * 3, 0, 100), "a": late}, 400, 500, Reference(9.0), 1
+        ),
+        "",
+    )
+    assert "; takes 200 more; " in swapped.numbers("a")
+    alone = Trial(Comparison("t", {"scratch": nobody, "a": late}, 400, 500, Reference(9.0), 1), "")
+    assert ", never within 500 steps from scratch; saves at least 200; " in alone.numbers("a")
+
+
+def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
+    def broken(potentials):
+        raise RuntimeError("no idea")
+
+    plan = copied(MAZE, budget={"near": 50, "far": 200})
+    tried = rows_of(plan, "far", [broken])
+    trial = run_trial(tried, seeds=8)
+    assert trial.gain("broken") is None
+    assert trial.verdict("broken") == "it failed in the trial"
+    assert trial.numbers("broken") == "RuntimeError: no idea"
+    assert trial.gain("mean") is not None
+
+
+# -- where there is none ---------------------------------------------------------------------------
+
+
+def live_plan():
+    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9, live=True, time_limit=20)
+    return copied(lake, budget=60)
+
+
+def test_a_live_task_has_no_trial_and_its_words_are_weak():
+    plan = live_plan()
+    assert hindrance(plan).startswith("'near' is live and has no model")
+    foreseen = cr.forecast(plan, seeds=1)
+    assert foreseen.trial is None
+    assert foreseen.answer == "whether it pays is open"
+    assert "pays," not in str(foreseen)
+    assert foreseen.basis == (
+        "no trial: 'near' is live and has no model (tabulate makes it if states are few); "
+        "cr.choose(..., on=) plays on a smaller relative"
+    )
+    assert foreseen.used.gain is None
+
+
+OFF = cr.GreedyEvaluation(method="off")
+EPISODES = copied(LINE, budget={"near": 50, "far": cr.Episodes(9)})
+
+
+@pytest.mark.parametrize(
+    ("plan", "settings", "message"),
+    [
+        (EPISODES, {"trial": True}, "models and a budget in steps: the budget of 'far' is 9 epis"),
+        (copied(LINE, evaluation=OFF), {"trial": True}, "greedy evaluation of 'far' is off"),
+        (live_plan(), {"trial": True}, "a trial needs models and a budget in steps: 'near' is l"),
+        (corner(), {"trial": 3}, "trial must be True, False or None"),
+    ],
+)
+def test_a_trial_that_makes_no_sense_is_refused(plan, settings, message, calls):
+    with pytest.raises(CurriculumError, match=message):
+        cr.forecast(plan, **settings)
+    assert calls == []
+
+
+def test_a_long_trial_is_made_of_the_used_candidate_alone_or_only_if_it_is_asked_for(monkeypatch):
+    plan = pursuit()
+    tried = rows_of(plan, "hunt")
+    assert affordable(rows_of(corner(), "maze"))[1] == trials.SEEDS
+    alone = trials.trial_seconds([candidate for candidate in tried if candidate.used])
+    monkeypatch.setattr(trials, "QUICK", 1.5 * trials.FEWEST * alone)
+    some, seeds = affordable(tried)
+    assert [candidate.name for candidate in some] == ["minimum"]
+    assert cr.forecast(plan, seeds=1).ranking[0] == "minimum"  # the others have no gain
+    assert seeds == int(1.5 * trials.FEWEST)
+    plan = corner(target=1000)
+    monkeypatch.setattr(trials, "QUICK", 0.0)
+    assert affordable(tried) == ([], 0)
+    said = "no trial: it would take long; trial=True or curricle check --forecast makes it"
+    assert cr.forecast(plan, seeds=1).basis == said
+    assert cr.forecast(plan, seeds=1, trial=True).trial.comparison.seeds == trials.SEEDS
+
+
+def test_the_best_is_among_the_rows_that_were_tried_and_failures_are_named():
+    foreseen = cr.forecast(pursuit(), seeds=1, trial=True)
+    untried = replace(foreseen.best, name="untried", gain=None, used=False)
+    assert replace(foreseen, rows=(untried, *foreseen.rows)).best is foreseen.best
+    failed = {"scratch, fast": SettingError("a rule: a value")}
+    played = replace(foreseen.trial.comparison, failed=failed)
+    said = replace(foreseen, trial=replace(foreseen.trial, comparison=played))
+    assert "scratch, fast failed: a rule: a value" in str(said).splitlines()
+
+
+def test_trials_share_what_is_learnt_without_sources(calls):
+    memory, arms = Memory(), [corner(target=300), corner(target=300, aggregate=cr.maximum)]
+    how = {"seeds": 1, **ALONE}
+    first, second = (forecast(arm, memory=memory, **how).trial.comparison for arm in arms)
+    streams = [call["stream"] for call in calls]
+    assert [streams.count(name) for name in ("maze/trial", "corner/trial")] == [3, 1]
+    assert_same(first.arms["scratch"], second.arms["scratch"])
+    assert_same(second.arms["maximum"], cr.forecast(arms[1], **how).trial.comparison["maximum"])
+
+
+def test_an_unasked_trial_that_fails_leaves_the_rest(monkeypatch):
+    def fails(*_, **__):
+        raise SettingError("a rule: a value")
+
+    monkeypatch.setattr("curricle.comparison.trial.comparison_plan", fails)
+    foreseen = cr.forecast(corner(target=300), seeds=1)
+    assert foreseen.basis == "no trial: it failed: a rule: a value"
+    with pytest.raises(SettingError, match="a rule: a value"):
+        cr.forecast(corner(target=300), seeds=1, trial=True)

@@ -5,7 +5,6 @@ What they name is not run, links are left, sizes are bounded: each is refused in
 
 import io
 import os
-import sys
 import textwrap
 import zipfile
 from pathlib import Path
@@ -15,7 +14,6 @@ import pytest
 
 import curricle as cr
 from curricle.checks import unfit_name
-from curricle.cli.app import main
 from curricle.cli.output import LONGEST_EXAMINING, graph, print_forecasts, print_table
 from curricle.comparison.cost import costs
 from curricle.errors import (
@@ -28,7 +26,7 @@ from curricle.errors import (
     StoreError,
     TaskError,
 )
-from curricle.files import opened_archive, place_at, read_npy
+from curricle.files import opened_archive, read_npy
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.show.report import render
 from curricle.study import StudyConfig, StudyStore, read_study, run_study
@@ -36,9 +34,9 @@ from curricle.study.arms import Arms, units_of
 from curricle.study.store import LOCK, STUDY, UNITS, locked
 from curricle.study.tuning import TRIALS
 from curricle.study_file.own_code import ALLOW, load
+from tests.support.refusals import KINDS_OF_NO_FILE, no_file
 from tests.support.studies import MAZE, complaints_of
 
-LONG = "x" * 300
 REVERSED = "a\u202eb"
 
 
@@ -47,75 +45,49 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-TOO_DEEP = "tables and lists must be at most 50 deep"
-DEEP = [
-    (f"{begin * depth}0{end * depth}", TOO_DEEP)
-    for depth in (60, 5000)
-    for begin, end in ("[]", ("{a = ", "}"))
-]
-LARGE = [("1" + "0" * 5000, "4300 digits"), ("0x1" + "0" * 5000, "4,096 bits")]
-
-
-@pytest.mark.parametrize(("value", "words"), [*DEEP, *LARGE], ids=lambda _: "")
-def test_deep_nesting_and_numbers_of_thousands_of_digits_are_refused(value, words):
-    Path("study.toml").write_text(f"{MAZE}\nbudget = {value}")
-    with pytest.raises(ConfigError, match=f"not valid TOML: .*{words}"):
-        read_study("study.toml")
-
-
-def test_a_deep_setting_is_refused():
+def test_toml_of_which_nobody_writes_so_much_is_refused():
+    too_deep = "tables and lists must be at most 50 deep"
+    values = {f"{b * n}0{e * n}": too_deep for n in (60, 5000) for b, e in ("[]", ("{a = ", "}"))}
+    values |= {"1" + "0" * 5000: "4300 digits", "0x1" + "0" * 5000: "4,096 bits"}
+    for value, words in values.items():
+        Path("study.toml").write_text(f"{MAZE}\nbudget = {value}")
+        with pytest.raises(ConfigError, match=f"not valid TOML: .*{words}"):
+            read_study("study.toml")
     Path("study.toml").write_text(MAZE)
     with pytest.raises(ConfigError, match="a setting must be key=value"):
         read_study("study.toml", set=[".".join(["a"] * 5000) + "=1"])
 
 
-@pytest.mark.parametrize("place", ["study", "map"])
-@pytest.mark.parametrize("kind", ["pipe", "device", "directory", "large"])
-def test_what_is_no_file_is_not_waited_for(kind, place):
-    path = Path("study.toml" if place == "study" else "map.txt")
-    match kind:
-        case "pipe":
-            os.mkfifo(path)
-        case "device":
-            path.symlink_to("/dev/zero")
-        case "directory":
-            path.mkdir()
-        case _:
-            with path.open("wb") as file:
-                file.truncate(2**34)  # 16 GB that take no place
-    if place == "map":
-        Path("study.toml").write_text("name = 'x'\ntasks.m = { type = 'maze', file = 'map.txt' }")
-    with pytest.raises(ConfigError, match=r"regular file|directory|more than 10,000,000 bytes"):
-        read_study("study.toml")
+@pytest.mark.parametrize("kind", KINDS_OF_NO_FILE)
+def test_what_is_no_file_is_not_waited_for(kind):
+    Path("study.toml").write_text("name = 'x'\ntasks.m = { type = 'maze', file = 'map.txt' }")
+    no_file(Path("map.txt"), kind)
+    no_file(Path("other.toml"), kind)
+    for name in ("study.toml", "other.toml"):
+        with pytest.raises(ConfigError, match=r"regular file|directory|more than 10,000,000 bytes"):
+            read_study(name)
 
 
-@pytest.mark.parametrize("name", [LONG, REVERSED, "a\nb", "a\0b", "\u200b", ""])
-def test_names_that_no_table_can_show_are_refused(name):
-    quoted = "".join(f"\\U{ord(text):08x}" for text in name)
-    task = f"[tasks.\"{quoted}\"]\ntype = 'maze'\nmap = 'S.T'\n"
-    assert any("has a name that must" in text for text in complaints_of(f"name = 'x'\n{task}"))
-    arm = f'\n[arms."{quoted}"]\nbudget = 5'
-    assert any("has a name that must" in text for text in complaints_of(MAZE + arm))
-    (sentence,) = complaints_of(MAZE.replace('"maze"', f'"{quoted}"', 1))
-    assert "name must" in sentence
-    assert sentence.isprintable()
-    assert len(sentence) < 200
-    maze = cr.GridWorld("S.T")
-    with pytest.raises(CurriculumError, match="the name of a task must"):
-        cr.Curriculum({name: maze})
-    with pytest.raises(CurriculumError, match="the name of an arm must"):
-        cr.compare({name: cr.Curriculum({"maze": maze})})
-
-
-@pytest.mark.parametrize("name", ["5 × 5", "Łódź", "漢字", "x" * 100, r"$\frac{a$", "a, b", "<b>"])
-def test_other_names_are_names(name):
-    assert not unfit_name(name)
-
-
-@pytest.mark.parametrize("name", ["[red]b", "[/b]", ":bug:"])
-def test_names_with_the_marks_of_terminals_are_shown_as_they_are(name, capsys):
-    print_table(("", "seeds"), [(name, "2")])
-    assert name in capsys.readouterr().out
+def test_names_that_no_table_can_show_are_refused(capsys):
+    for name in ("x" * 300, REVERSED, "a\nb", "a\0b", "\u200b", ""):
+        quoted = "".join(f"\\U{ord(text):08x}" for text in name)
+        task = f"name = 'x'\n[tasks.\"{quoted}\"]\ntype = 'maze'\nmap = 'S.T'\n"
+        for text in (task, f'{MAZE}\n[arms."{quoted}"]\nbudget = 5'):
+            assert any("has a name that must" in sentence for sentence in complaints_of(text))
+        (sentence,) = complaints_of(MAZE.replace('"maze"', f'"{quoted}"', 1))
+        assert "name must" in sentence
+        assert sentence.isprintable()
+        assert len(sentence) < 200
+        maze = cr.GridWorld("S.T")
+        with pytest.raises(CurriculumError, match="the name of a task must"):
+            cr.Curriculum({name: maze})
+        with pytest.raises(CurriculumError, match="the name of an arm must"):
+            cr.compare({name: cr.Curriculum({"maze": maze})})
+    for name in ("5 × 5", "Łódź", "漢字", "x" * 100, r"$\frac{a$", "a, b", "<b>"):
+        assert not unfit_name(name)
+    for name in ("[red]b", "[/b]", ":bug:"):  # marks of the terminal's library
+        print_table(("", "seeds"), [(name, "2")])
+        assert name in capsys.readouterr().out
 
 
 def test_pages_write_control_and_format_characters_out():
@@ -141,40 +113,6 @@ def test_units_of_many_seeds_are_made_at_once():
     units = units_of(study, Arms.of(study), {})
     assert len(units) == 2 * MOST_SEEDS
     assert np.unique([unit.snapshots > 0 for unit in units[:3]]).size == 2
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["new", "maze", LONG],
-        ["check", LONG],
-        ["run", "study.toml", "--out", LONG],
-        ["run", "study.toml", "--dry-run", "--out", LONG],
-        ["show", LONG],
-        ["paper", "--figure", "1", "--out", LONG],
-    ],
-)
-def test_paths_of_300_characters_are_refused(arguments, monkeypatch, capfd):
-    Path("study.toml").write_text(MAZE)
-    monkeypatch.setattr(sys, "argv", ["curricle", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    complaint = capfd.readouterr().err
-    assert ended.value.code == 1
-    assert complaint.startswith("curricle: ")
-    assert "File name too long" in complaint
-    assert "Traceback" not in complaint
-
-
-def test_what_a_killed_run_left_is_swept_in_every_folder(tmp_path):
-    for resume in (False, True):
-        for folder in ("data", "units/maze-1"):
-            (tmp_path / "out" / folder).mkdir(parents=True, exist_ok=True)
-            (tmp_path / "out" / folder / ".0123456789abcdef.part").write_bytes(b"half")
-        (tmp_path / "out" / ".link.part").symlink_to(tmp_path)
-        with StudyStore.opened(tmp_path / "out", {"seeds": 2}, resume=True) as store:
-            store.write("claims.json", b"[]")
-        assert not list((tmp_path / "out").rglob("*.part")), resume
 
 
 def test_a_preview_of_a_target_too_large_to_count():
@@ -315,16 +253,16 @@ def test_a_file_of_holes_is_not_read(tmp_path):
         pass
 
 
-@pytest.mark.parametrize(
-    "header",
-    ["{'descr': '|O', 'fortran_order': False, 'shape': (1,)}", "(" * 3000, "{[]: 1}", "'\\N'",
-     "{'descr': '<f8', 'fortran_order': False, 'shape': (-1, -1)}", "9" * 5000,
-     "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (1,)}"],
-)  # fmt: skip
-def test_headers_of_arrays_that_make_no_sense_are_refused(header):
-    content = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(8)
-    with pytest.raises(ValueError, match=r"its arrays|must be valid|does not fill"):
-        read_npy(io.BytesIO(content), len(content))
+def test_headers_of_arrays_that_make_no_sense_are_refused():
+    shaped = "'fortran_order': False, 'shape': "
+    for header in (
+        *("(" * 3000, "{[]: 1}", "'\\N'", "9" * 5000, f"{{'descr': '|O', {shaped}(1,)}}"),
+        *(f"{{'descr': '<f8', {shaped}(-1, -1)}}", f"{{'descr': [('a', '<f8')], {shaped}(1,)}}"),
+    ):
+        length = len(header).to_bytes(2, "little")
+        content = b"\x93NUMPY\x01\x00" + length + header.encode() + bytes(8)
+        with pytest.raises(ValueError, match=r"its arrays|must be valid|does not fill"):
+            read_npy(io.BytesIO(content), len(content))
 
 
 # -- messages --------------------------------------------------------------------------------------
@@ -339,18 +277,4 @@ def test_messages_are_one_sentence_that_ends_with_its_end():
     assert len(lines) == 101
     assert max(map(len, lines)) == LONGEST
     assert lines[-1] == "and 200 more"
-
-
-@pytest.mark.parametrize(
-    "url",
-    [
-        "s3://bucket/a?endpoint_override=http%3A%2F%2Fme%3Ahidden%40host",
-        "s3://bucket/a?endpoint_override=me:hidden@host",
-        "s3://me:hidden@bucket/a",
-    ],
-)
-def test_passwords_are_not_repeated(url):
-    with pytest.raises(StoreError, match="must have no password") as caught:
-        place_at(url)
-    assert "hidden" not in str(caught.value)
     assert "hidden" not in str(StoreError("cannot be written to https:/me:hidden@host/x.html"))

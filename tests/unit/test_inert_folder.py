@@ -20,6 +20,7 @@ from curricle.files import SEAL, sealed_archive
 from curricle.show.report import write_report
 from curricle.study import StudyStore, merge
 from curricle.study.store import LARGEST_DECISIONS
+from tests.support.refusals import KINDS_OF_NO_FILE, no_file
 from tests.support.sent_folders import a_unit, change, npy, put, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -119,19 +120,131 @@ def test_a_report_has_all_that_the_tasks_themselves_could_say(folder):
     assert str(folder.parent) not in page
 
 
-# -- what is refused ---------------------------------------------------------------------------
+# -- records that are refused ------------------------------------------------------------------
+
+BAD = "clear\x1b[2J"
+RECORDS = ["study.json", "analysis.json", "runs.json"]
+
+
+@pytest.mark.parametrize("kind", KINDS_OF_NO_FILE)
+def test_what_is_no_file_is_not_waited_for(folder, kind):
+    for path in (*(folder / name for name in RECORDS), a_unit(folder)):
+        path.rename(folder.parent / "aside")
+        no_file(path, kind)
+        refuses(folder, re.escape(path.name))
+        path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
+        (folder.parent / "aside").rename(path)
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_other_json_is_refused(folder, name):
+    for text in ("[" * 10**5, '{"a":' * 10**5, "[]", "{}", "null", "[1]", "\xff"):
+        (folder / name).write_text(text, encoding="latin-1")
+        refuses(folder, re.escape(name))
+
+
+def values(part, **changed):
+    """Return an edit of a study's record: other values in one of its parts."""
+    return lambda study: study[part].update(changed)
+
+
+def view(**changed):
+    """Return an edit: other values in the view of every task."""
+
+    def edit(study):
+        for task in study["plan"]["tasks"]:
+            task["view"].update(changed)
+
+    return edit
+
+
+def older(study):
+    """Records without this field would be read as if nothing had been found."""
+    for arm in study["plan"]["arms"].values():
+        del arm["knows_target"]
+
+
+def renamed(names):
+    return {BAD if name in ("transfer", "maze") else name: x for name, x in names.items()}
+
+
+def renamed_arm(study):
+    study["plan"]["arms"] = renamed(study["plan"]["arms"])
+
+
+def renamed_task(study):
+    study["plan"]["target"] = BAD
+    for arm in study["plan"]["arms"].values():
+        arm["nodes"] = renamed(arm["nodes"])
+        for edge in arm["transfers"]:
+            edge["target"] = BAD
+
+
+CHANGES = [
+    (values("configuration", name=3), ""),
+    (values("configuration", seeds=["a"]), ""),
+    (values("plan", more=1), ""),
+    (values("plan", target="mace"), ""),
+    (values("plan", arms=None), ""),
+    (values("plan", tasks=json.loads("[" * 400 + "]" * 400)), ""),
+    (values("plan", tasks=[]), ""),
+    (values("plan", eval_freq=0), ""),
+    (older, ".*knows_target"),
+    (values("configuration", name=BAD), ".*must be printable"),
+    (renamed_arm, ".*must be printable"),
+    (renamed_task, ".*must be printable"),
+    (view(shape=[10**9, 10**9]), r"tasks\.0"),
+    (view(cells=[10**6]), r"tasks\.0"),
+    (view(states=[-1]), r"tasks\.0"),
+    (view(ended=[99]), r"tasks\.0"),
+    (view(directions=[7, 7, 7, 7]), r"tasks\.0"),
+    (view(actions=["only"]), r"tasks\.0"),
+    (view(markers=[["A", "red;}</style>"]]), r"tasks\.0"),
+    (view(objects=[["treasure chest", 0, 0, True]]), r"tasks\.0"),
+]
+
+
+def test_a_record_of_another_form_is_refused(folder):
+    record = folder / "study.json"
+    whole = record.read_bytes()
+    for edit, says in CHANGES:
+        record.write_bytes(whole)
+        change(record, edit)
+        refuses(folder, rf"study\.json is not as Curricle writes it: {says}")
+
+
+def test_an_analysis_that_does_not_fit_is_refused_or_left_out(folder):
+    def other_arms(analysis):
+        section = analysis["sections"][0]
+        section["arms"] = section["certificates"][0]["arms"] = ["nobody"]
+        analysis["episodes"]["transfer"]["maze"]["after"]["cells"][0] = [2000]
+
+    change(folder / "analysis.json", other_arms)
+    assert "predicted start" not in write_report(folder).read_text()
+    change(folder / "analysis.json", lambda found: found["sections"][0].update(arms=[]))
+    refuses(folder, r"analysis\.json is not as .*certificates must be of the section's arms")
+    change(folder / "analysis.json", lambda found: found["sections"][0].update(certificates=3))
+    refuses(folder, r"analysis\.json is not as Curricle writes it: sections\.0\.certificates")
+
+
+def test_names_are_text_in_a_page(folder):
+    bad = "</script><script>alert(1)</script>"
+
+    def edit(study):
+        study["configuration"]["name"] = bad
+        study["plan"]["tasks"][0]["text"] = bad
+        study["plan"]["arms"]["transfer"]["transfers"][0]["words"] = bad
+
+    change(folder / "study.json", edit)
+    assert bad not in write_report(folder).read_text()
+
+
+# -- units that are refused --------------------------------------------------------------------
 
 
 class Pickled:
     def __reduce__(self):
         return (open, ("ran", "w"))
-
-
-def test_pickles_in_an_archive_of_arrays_are_refused(folder, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    put(a_unit(folder), steps__npy=npy(np.array([Pickled()], dtype=object)))
-    refuses(folder, r"\.npz is not as .*must hold numbers or text, and no Python objects")
-    assert not (tmp_path / "ran").exists()
 
 
 def packed(*parts):
@@ -146,12 +259,57 @@ def header(shape):
     return buffer.getvalue()
 
 
-@pytest.mark.parametrize("name", ["snapshot_values", "steps", "values"])
-def test_a_small_archive_of_much_is_refused(folder, name):
+MUCH = packed(header((64, 2**18)), bytes(2**26))
+TOO_MUCH = r"\.npz is not as .*(at most [\d,]+ bytes|must not be compressed)"
+ROW = ["maze", 0, 100, True, "threshold reached", 0.0, 0.0, 0.0, 0.0, "words"]
+NOT_TRUE = json.dumps([[*ROW[:3], "yes", *ROW[4:]]]).encode()
+MEMBERS = [
+    ("steps.npy", None, "it has no steps"),
+    ("steps.npy", npy(np.array([Pickled()], dtype=object)), "must hold numbers or text, and no Py"),
+    *((f"{name}.npy", MUCH, TOO_MUCH) for name in ("snapshot_values", "steps", "values")),
+    *(
+        ("snapshot_values.npy", packed(header(shape), bytes(8)), says)
+        for shape, says in (
+            ((10**6, 10**6), "does not fill its file"),
+            ((10**30,), "does not fill its file"),
+            ((-1,), r"\.npz"),
+        )
+    ),
+    ("decisions.json", b"not at all", r"\.npz is not as .*invalid JSON"),
+    ("decisions.json", None, r"\.npz is not as .*must have decisions\.json"),
+    ("decisions.json", b'[["maze", 0, 100]]', r"0\.3: field required"),
+    ("decisions.json", NOT_TRUE, r"should be a valid boolean"),
+    ("decisions.json", json.dumps([ROW]).encode() + b" " * LARGEST_DECISIONS, "of at most"),
+]
+
+
+@pytest.mark.filterwarnings("ignore:divide by zero")
+def test_members_that_are_missing_too_large_or_without_sense_are_refused(
+    folder, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
     unit = a_unit(folder)
-    put(unit, **{f"{name}__npy": packed(header((64, 2**18)), bytes(2**26))})
-    assert unit.stat().st_size < 2**18
-    refuses(folder, r"\.npz is not as .*(at most [\d,]+ bytes|must not be compressed)")
+    whole = unit.read_bytes()
+    with np.load(unit) as arrays:
+        stored = dict(arrays)
+    steps, returns = stored["steps"], stored["greedy_return"]
+    of_arrays = [
+        ("greedy_return", steps, "greedy_return must be an array of shape"),
+        ("steps_used", steps[:1], "steps_used must be an array of shape"),
+        ("steps", steps[::-1], "steps must ascend"),
+        ("source_steps", np.array([0, 10**15]), "must spend at most"),
+        ("greedy_return", returns / 0.0, "finite"),
+        ("greedy_return", returns.astype(np.int8), "must be an array of float64"),
+        ("source_steps", stored["source_steps"].astype(np.int8), "must be an array of int64"),
+        ("seeds", stored["seeds"][::-1], "seeds must be the seeds of its unit"),
+    ]
+    rows = [(f"{name}.npy", npy(np.ascontiguousarray(of)), says) for name, of, says in of_arrays]
+    for name, member, says in (*MEMBERS, *rows):
+        unit.write_bytes(whole)
+        put(unit, {name: member})
+        assert unit.stat().st_size < 2**18 or name == "decisions.json"
+        refuses(folder, says)
+    assert not (tmp_path / "ran").exists()
 
 
 def test_members_that_share_their_bytes_are_refused(folder):
@@ -176,73 +334,18 @@ def test_a_task_said_to_be_enormous_has_no_enormous_snapshots(folder, monkeypatc
 
     change(folder / "study.json", edit)
     for unit in (folder / "units").glob("*/*.npz"):
-        put(unit, snapshot_values__npy=packed(bytes(2**26)))
+        put(unit, {"snapshot_values.npy": packed(bytes(2**26))})
     refuses(folder, r"\.npz is not as .*at most 33,619,968 bytes")
 
 
-@pytest.mark.parametrize(
-    ("shape", "message"),
-    [
-        ((10**6, 10**6), "does not fill its file"),
-        ((10**30,), "does not fill its file"),
-        ((-1,), r"\.npz"),
-    ],
-)
-def test_an_array_larger_than_its_file_is_refused(folder, shape, message):
-    put(a_unit(folder), snapshot_values__npy=packed(header(shape), bytes(8)))
-    refuses(folder, message)
-
-
-@pytest.mark.filterwarnings("ignore:divide by zero")
-def test_arrays_of_other_shapes_or_without_sense_are_refused(folder):
-    unit = a_unit(folder)
+def test_a_unit_that_says_to_be_another_is_not_used(folder):
+    unit, into = a_unit(folder), folder.parent / "whole"
     whole = unit.read_bytes()
-    with np.load(unit) as arrays:
-        changed = dict(arrays)
-    for name, array, message in (
-        ("greedy_return", changed["steps"], "greedy_return must be an array of shape"),
-        ("steps_used", changed["steps"][:1], "steps_used must be an array of shape"),
-        ("steps", changed["steps"][::-1], "steps must ascend"),
-        ("source_steps", np.array([0, 10**15]), "must spend at most"),
-        ("greedy_return", changed["greedy_return"] / 0.0, "finite"),
-        ("greedy_return", changed["greedy_return"].astype(np.int8), "must be an array of float64"),
-        ("source_steps", changed["source_steps"].astype(np.int8), "must be an array of int64"),
-        ("seeds", changed["seeds"][::-1], "seeds must be the seeds of its unit"),
-    ):
+    unfit = {"key": ["0f"], "seeds": [[5, 6], []], "task": [3, "../maze"]}
+    for key, value in ((key, value) for key, several in unfit.items() for value in several):
         unit.write_bytes(whole)
-        put(unit, **{f"{name}__npy": npy(np.ascontiguousarray(array))})
-        refuses(folder, message)
-
-
-def test_units_without_what_belongs_to_them_are_refused(folder):
-    unit = a_unit(folder)
-    put(unit, steps__npy=None)
-    refuses(folder, "it has no steps")
-
-
-UNFIT = [{"key": "0f"}, {"seeds": [5, 6]}, {"seeds": []}, {"task": 3}, {"task": "../maze"}]
-
-
-@pytest.mark.parametrize("about", UNFIT)
-def test_a_unit_that_says_to_be_another_is_not_used(folder, about):
-    unit = a_unit(folder)
-    put(unit, lambda found: found.update(about))
-    assert StudyStore(folder).damaged_units() == [unit]
-    with pytest.raises(StoreError, match=re.escape(str(unit))):
-        merge(folder.parent / "whole", [folder])
-    assert not (folder.parent / "whole").exists()
-
-
-def test_decisions_that_are_none_or_too_long_are_refused(folder):
-    unit = a_unit(folder)
-    put(unit, decisions__json=b"not at all")
-    refuses(folder, r"\.npz is not as .*invalid JSON")
-    put(unit, decisions__json=None)
-    refuses(folder, r"\.npz is not as .*must have decisions\.json")
-    put(unit, decisions__json=b'[["maze", 0, 100]]')
-    refuses(folder, r"0\.3: field required")
-    row = ["maze", 0, 100, True, "threshold reached", 0.0, 0.0, 0.0, 0.0, "words"]
-    put(unit, decisions__json=json.dumps([[*row[:3], "yes", *row[4:]]]).encode())
-    refuses(folder, r"should be a valid boolean")
-    put(unit, decisions__json=json.dumps([row]).encode() + b" " * LARGEST_DECISIONS)
-    refuses(folder, r"decisions\.json, uncompressed, of at most")
+        put(unit, {}, lambda about: about.update({key: value}))  # noqa: B023
+        assert StudyStore(folder).damaged_units() == [unit]
+        with pytest.raises(StoreError, match=re.escape(str(unit))):
+            merge(into, [folder])
+        assert not into.exists()

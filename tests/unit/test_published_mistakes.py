@@ -2,7 +2,6 @@
 
 import inspect
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -53,28 +52,6 @@ def test_a_cut_episode_keeps_the_potential_of_its_last_state():
     assert result.values[0, 0, 0] == pytest.approx(100.0)
 
 
-@pytest.mark.parametrize("kind", LEARNERS)
-def test_the_last_step_of_an_episode_obeys_the_learning_rate(kind):
-    for alpha in (0.0, 0.25):
-        result = cr.learn(one_step_task(), kind(learning_rate=alpha), 1)
-        # Double Q-learning updates one of two tables and reports their mean.
-        assert result.values[0, 0, 0] == alpha * 8.0 / kind.tables
-
-
-@pytest.mark.parametrize("predators", [1, 2, 3])
-def test_one_predicate_decides_the_end_and_the_reward(predators):
-    for capture in ("all", "any", *range(1, predators + 1)):
-        mdp = cr.Pursuit(size=2, predators=predators, capture=capture, capture_reward=7.0).mdp
-        assert ((mdp.reward == 7.0) == mdp.terminal[mdp.next_state]).all(), capture
-
-
-def test_only_as_published_ends_without_paying():
-    mdp = cr.Pursuit(size=3, predators=2, capture="as_published", capture_reward=7.0).mdp
-    ended, paid = mdp.terminal[mdp.next_state], mdp.reward == 7.0
-    assert (ended & ~paid).any()
-    assert not (paid & ~ended).any()
-
-
 # -- terminal rows and unmapped pairs ------------------------------------------------------------
 
 
@@ -97,17 +74,6 @@ def test_a_state_potential_is_zero_in_terminal_states_in_every_frame():
 # -- tables that change behind one's back --------------------------------------------------------
 
 
-def test_training_leaves_the_callers_table_alone():
-    maze, table = small_maze(), np.ones((9, 4))
-    phi = cr.StateActionPotential(maze, table)
-    for way in SHAPINGS:
-        cr.learn(maze, cr.SARSA(), 500, shaping=way(phi))
-    assert (table == 1.0).all()
-    assert (phi.values[~maze.mdp.terminal] == 1.0).all()
-    table[:] = 9.0
-    assert phi.values.max() == 1.0
-
-
 def test_training_the_target_leaves_the_source_as_it_was():
     maze = small_maze()
     curriculum = cr.Curriculum(
@@ -122,32 +88,6 @@ def test_training_the_target_leaves_the_source_as_it_was():
 
 
 # -- choices -------------------------------------------------------------------------------------
-
-
-def test_frozen_lake_is_learnt_from_an_all_zero_table():
-    # With the first of several best actions taken, the agent pushes west for ever and learns
-    # nothing: success 0. The optimal policy reaches the goal in 0.863 of episodes of 200 steps.
-    outcomes = gymnasium.make("FrozenLake-v1", map_name="8x8").unwrapped.P
-    task = cr.FiniteMDP.from_outcomes(outcomes, start=0, discount=0.99, time_limit=200)
-    success = cr.learn(
-        task,
-        cr.QLearning(learning_rate=cr.learning.harmonic(half=100), epsilon=0.1),
-        1_000_000,
-        seeds=4,
-        eval_freq=200_000,
-        evaluation=cr.GreedyEvaluation(discounted=False),
-    ).greedy_return
-    assert (success[:, -1] > 0.8).all()
-    always_west = np.zeros(64, dtype=int)
-    assert cr.evaluate(task, always_west).start_value == 0.0
-
-
-def test_greedy_evaluation_shares_ties_out():
-    task = cr.FiniteMDP.from_outcomes(
-        [[[(1.0, 1, 0.0)], [(1.0, 1, 1.0)]], [[], []]],
-        terminal=[False, True], start=0, discount=0.9,
-    )  # fmt: skip
-    assert cr.learn(task, cr.QLearning(), 10).greedy_return[0, 0] == 0.5
 
 
 # -- numbers -------------------------------------------------------------------------------------
@@ -202,10 +142,3 @@ def test_evaluation_does_not_disturb_learning():
     often, seldom, exactly = values(7, "rollouts"), values(1000, "rollouts"), values(7, "exact")
     np.testing.assert_array_equal(often, seldom)
     np.testing.assert_array_equal(often, exactly)
-
-
-def test_a_curriculums_task_does_not_depend_on_which_others_are_there():
-    maze, other = small_maze(), small_maze(time_limit=50)
-    both = cr.Curriculum(tasks={"other": other, "maze": maze}, budget=500).train(seeds=2)
-    alone = cr.Curriculum(tasks={"maze": maze}, budget=500).train(seeds=2)
-    np.testing.assert_array_equal(both["maze"].values, alone["maze"].values)

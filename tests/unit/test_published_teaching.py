@@ -1,4 +1,4 @@
-"""Teachers of published claims against their formulas, and learning by the starts they draw."""
+"""Teachers of published claims against their formulas; the depths of curricula and their totals."""
 
 from fractions import Fraction
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from benchmarks.published import __main__ as tables, depth, teachers
 from benchmarks.published.teaching import (
     Episode,
     Learnability,
@@ -14,7 +15,8 @@ from benchmarks.published.teaching import (
     Uniform,
     teach,
 )
-from curricle.tasks import GoalDistance, with_start
+from curricle.study import audit, read_study
+from curricle.tasks import GoalDistance, goal_distance, with_start
 
 MAZE = cr.GridWorld(["S...PT", ".PP...", "......"], time_limit=50)
 NEAR = with_start(MAZE, GoalDistance(1, 3))
@@ -49,18 +51,6 @@ def test_starts_of_the_target_are_plain_learning_bit_for_bit(evaluation):
     np.testing.assert_array_equal(result.greedy_return, alone.greedy_return)
     for k in range(2):
         np.testing.assert_array_equal(result.results[k].values[0], alone.values[k])
-
-
-def test_a_teacher_draws_the_start_of_every_episode_and_learns_how_it_ended():
-    teacher = InTurn()
-    result = taught([NEAR, MAZE], teacher, 5000)
-    np.testing.assert_array_equal(result.drawn[0], np.arange(len(result.drawn[0])) % 2)
-    assert [episode.task for episode in teacher.seen] == list(result.drawn[0][:-1])
-    last = [(episode.rewards[-1], episode.success) for episode in teacher.seen]
-    assert {success for _, success in last} == {True, False}
-    assert all(success == (reward > 100) for reward, success in last)
-    steps = sum(len(episode.rewards) for episode in teacher.seen)
-    assert 5000 - 50 <= steps <= 5000 == result.results[0].steps_used[0]
 
 
 def test_td_errors_are_those_of_the_values_at_the_time():
@@ -165,3 +155,69 @@ def test_the_reverse_curriculum_expands_from_the_goal(seed, n):
         expected = uniform_over(old or new)
     teacher = ReverseCurriculum(r_min=0.2, r_max=0.7, replay=0.25, window=5)
     np.testing.assert_allclose(probabilities(teacher, seen), expected)
+
+
+def test_the_mazes_of_rutherford():
+    task, starts = teachers.drawn_levels()
+    assert len(starts) == 100
+    place = task.states.decode()
+    for maze in range(teachers.MAZES):
+        goals = task.terminal & (place["maze"] == maze)
+        assert goals.sum() == 4  # a cell, four headings
+        # the cells that a move from elsewhere enters are those without a wall
+        inside = (place["maze"] == maze) & ~task.terminal
+        entered = task.next_state[task.outcome_row[inside, 2], 0]
+        moved = entered[entered != np.flatnonzero(inside)]
+        assert 13**2 - 60 <= len({*(moved // 4)}) + 10 <= 13**2 - 30
+    assert task.reward.max() == 1.0
+    assert not task.terminal[[*starts]].any()
+
+
+def test_the_nearest_levels_come_first():
+    every, nearest = teachers.levels(), teachers.levels(nearest=25)
+    far = goal_distance(every)
+    chosen = far[nearest.mdp.start > 0]
+    assert chosen.min() > 0
+    assert chosen.max() <= np.sort(far[every.mdp.start > 0][far[every.mdp.start > 0] >= 0])[25]
+    assert every.mdp.start.sum() == pytest.approx(1.0)
+
+
+def test_the_rings_hold_every_start_of_the_spiral():
+    study = read_study(tables.CLAIMS["starts"])
+    target = study.curricula["rings of starts"].tasks["target"]
+    assert int(goal_distance(target).max()) == 59
+    covered = np.sum([task.mdp.start > 0 for task in teachers.rings(target).values()], axis=0)
+    np.testing.assert_array_equal(covered, target.mdp.start > 0)
+    # a corridor four cells wide: no way is shorter than its length in cells of the published maze
+    assert cr.solve(target).start_value == pytest.approx(0.864, abs=0.001)
+
+
+@pytest.mark.slow
+def test_the_tables_and_the_figure_of_depths(tmp_path, monkeypatch):
+    monkeypatch.setattr(depth, "FAMILIES", {"depth_keys": "key, lock, pits", "depth_maze": "maze"})
+    for name in depth.FAMILIES:
+        study = read_study(tables.CLAIMS[name], set=["seeds=8", "tasks.target.budget=1_000"])
+        made = audit(study, tmp_path / name, trials=1, progress=False)
+        rows = [*depth.beside(name, made.fair)]
+        assert [len(row) for row in rows] == [1 + len(depth.DEPTHS)] * len(depth.DEPTHS)
+    assert [row[0] for row in depth.rows(tables.played(tmp_path))] == [
+        d for d in depth.DEPTHS for _ in range(2)
+    ]
+    depth.figure(tmp_path, tmp_path / "deep.png")
+    assert (tmp_path / "deep.png").stat().st_size > 1_000
+
+
+@pytest.mark.parametrize("name", depth.FAMILIES)
+def test_all_depths_have_one_total_and_each_size_is_an_arm(name, tmp_path):
+    study = read_study(tables.CLAIMS[name])
+    assert tuple(study.arms) == depth.DEPTHS
+    for number, plan in enumerate(study.curricula.values(), 1):
+        sources = plan.ancestors("target")
+        assert len(sources) == number
+        steps = sum(plan.setting("budget", source).max_steps for source in sources)
+        assert steps == pytest.approx(plan.setting("budget", "target") / 10, abs=5)
+    file = tmp_path / "singles.toml"
+    file.write_text(depth.single(name))
+    arms = read_study(file).curricula
+    alone = {tuple(plan.ancestors("target")) for plan in arms.values() if len(plan.tasks) == 2}
+    assert len(alone) == len(arms) - 4

@@ -4,7 +4,6 @@ import json
 import shutil
 from importlib import metadata
 
-import numpy as np
 import pytest
 
 from curricle.cli.output import units_left
@@ -109,7 +108,6 @@ def stale(unit, why, seeds="0-1"):
     [
         ("tasks.py", True, [ONE, SHORT, OWN]),
         ("rules.py", True, [ONE, SHORT, OWN]),
-        ("mappings/places.py", False, [ONE, OWN]),
         ("mappings/__init__.py", False, [ONE, OWN]),
         ("numbers.py", False, [ONE, OWN]),
         ("aggregates.py", False, [OWN]),
@@ -126,15 +124,6 @@ def test_what_used_changed_code_is_named_and_trained_again(copy, module, of_sour
     assert sentences == [stale(unit, why) for unit, why in reasons.items()]
     assert_as_from_scratch(copy)
     assert again(copy) == ([], [])
-
-
-def test_changed_code_gives_the_results_of_a_new_run_in_the_same_session(copy):
-    before = StudyResults(copy / "out").result("one", "long", values=True).values
-    (copy / "rules.py").write_text("import curricle as cr\nREWARDS = cr.Rewards(treasure=2000)\n")
-    again(copy)
-    after = StudyResults(copy / "out")
-    assert after.result("one", "short", values=True).values.max() > 500
-    assert not np.array_equal(after.result("one", "long", values=True).values, before)
 
 
 def test_code_that_is_as_it_was_finds_its_units_again(copy):
@@ -228,10 +217,9 @@ def test_a_removed_arm_is_not_in_the_results_and_comes_back_untrained(copy, cont
     assert_as_from_scratch(copy)
 
 
-@pytest.mark.parametrize("seeds", ["seeds=3", "seeds=[0, 1, 5]"])
-def test_added_seeds_are_all_that_is_trained(copy, seeds):
-    assert again(copy, set=[seeds]) == ([ONE, SHORT, OWN, SCRATCH], [])
-    assert_as_from_scratch(copy, set=[seeds])
+def test_added_seeds_are_all_that_is_trained(copy):
+    assert again(copy, set=["seeds=[0, 1, 5]"]) == ([ONE, SHORT, OWN, SCRATCH], [])
+    assert_as_from_scratch(copy, set=["seeds=[0, 1, 5]"])
 
 
 def test_a_longer_budget_keeps_the_sources(copy):
@@ -241,16 +229,6 @@ def test_a_longer_budget_keeps_the_sources(copy):
     why = "budget was 300 and is 500; total was 600 and is 800"
     assert sentences == [stale(unit, why) for unit in trained]
     assert_as_from_scratch(copy, set=longer)
-
-
-def test_all_at_once_gives_what_a_run_from_scratch_gives(copy):
-    with (copy / "own.toml").open("a") as file:
-        file.write(MORE + COSTLIER)
-    changes = ["seeds=[1, 2, 3]", "tasks.long.budget=400", "eval_freq=50"]
-    again(copy, set=["seeds=3"])
-    again(copy, set=["seeds=4"])
-    again(copy, set=changes)
-    assert_as_from_scratch(copy, set=changes)
 
 
 def test_a_dry_run_tells_the_same_and_changes_nothing(copy, contents):

@@ -3,6 +3,7 @@
 import io
 import os
 import pickle
+import sys
 import zipfile
 from functools import partial
 
@@ -79,23 +80,16 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, learnt, monkeypatch):
     assert [entry.name for entry in tmp_path.iterdir()] == ["maze.npz"]
 
 
-def test_what_is_no_path_is_refused(learnt, trained):
+def test_what_is_no_path_on_this_machine_is_refused(tmp_path, learnt, trained, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     uses = [saved.save for saved in (learnt, trained, learnt.policy, learnt.watch(seed=0))]
     uses += [LearningResult.load, lambda path: CurriculumResult.load(path, plan())]
     for use in uses:
         for path in (3, None, "", "/"):
             with pytest.raises(StoreError, match=f"^a file .*: got {path!r}$"):
                 use(path)
-
-
-def test_a_url_is_refused_and_nothing_is_written(tmp_path, learnt, trained, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    saves = (learnt, trained, learnt.policy)
-    for save in (*(saved.save for saved in saves), LearningResult.load):
-        with pytest.raises(StoreError, match=r"on this machine, not at a URL: got 's3://b/maze"):
-            save("s3://b/maze")
-    with pytest.raises(StoreError, match=r"not at a URL: got 'gs://b/maze\.gif'"):
-        learnt.watch(seed=2).save("gs://b/maze.gif")
+        with pytest.raises(StoreError, match=r"not at a URL: got 's3://b/maze"):
+            use("s3://b/maze")
     assert not [*tmp_path.iterdir()]
 
 
@@ -206,16 +200,13 @@ def test_another_curriculum_is_refused(tmp_path, trained):
         CurriculumResult.load(file, small)
     with pytest.raises(CurriculumError, match=r"the Curriculum that was trained: got GridWorld"):
         CurriculumResult.load(file, MAZE)
-
-
-@pytest.mark.parametrize("missing", ["nodes", "tasks", "trained"])
-def test_words_that_are_missing_are_one_sentence(tmp_path, trained, missing):
-    arrays, about = to_file(trained)
-    del about[missing]
-    file = write_saved(tmp_path / "one", "CurriculumResult", arrays, about)
-    with pytest.raises(StoreError, match="is not as save") as refusal:
-        CurriculumResult.load(file, plan())
-    assert "\n" not in str(refusal.value)
+    for missing in ("nodes", "tasks", "trained"):
+        arrays, about = to_file(trained)
+        del about[missing]
+        file = write_saved(tmp_path / "one", "CurriculumResult", arrays, about)
+        with pytest.raises(StoreError, match="is not as save") as refusal:
+            CurriculumResult.load(file, plan())
+        assert "\n" not in str(refusal.value)
 
 
 # -- data frames -------------------------------------------------------------------------------
@@ -235,15 +226,12 @@ def test_a_frame_has_a_row_for_each_checkpoint_up_to_a_seeds_end(learnt):
     assert set(frame.attrs["units"]) == {*frame.columns} - {"seed", "checkpoint"}
 
 
-def test_a_frame_of_a_curriculum_has_its_tasks_and_what_came_before(trained):
+def test_a_frame_of_a_curriculum_has_its_tasks_and_what_came_before(trained, monkeypatch):
     pytest.importorskip("pandas")
     frame = trained.frame()
     assert frame["task"].unique().tolist() == ["corner", "maze"]
     spent = frame.loc[frame["task"] == "maze", "source_steps"].unique().tolist()
     assert spent == sorted({*trained.source_steps("maze").tolist()})
-
-
-def test_without_pandas_a_frame_says_what_to_install(learnt, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match=r"^a DataFrame needs pandas: pip install pandas$"):
-        learnt.frame()
+        trained.frame()

@@ -30,6 +30,7 @@ initial_value = 50.0
 type = "SARSA"
 """
 NAMES = ("scratch", "scratch, optimistic", "scratch, sarsa")
+CONTROLS = 'controls=["placebo", "pretraining"]'
 SET = [
     *(
         "seeds=2",
@@ -83,12 +84,14 @@ def test_they_survive_as_plain_data(tmp_path):
     [
         ("[scratch_learners.a]\nepsilon = 2.0", [], r"scratch_learners\.a cannot be compared: eps"),
         ("[scratch_learners.a]\nepsilom = 0.2", [], r"scratch_learners\.a\.epsilom is unknown"),
+        ("", ["scratch=false", CONTROLS], "controls need the comparison with scratch"),
+        ("", ['controls=["placebos"]'], "controls"),
         (FURTHER, ["scratch=false"], "scratch_learners are compared with the target's own"),
         (f'{FURTHER}[arms."scratch, sarsa"]', [], "must have another name: a learner has it"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(tmp_path, text, changes, message):
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises((ConfigError, SettingError), match=message):
         Arms.of(study(tmp_path, text, changes))
 
 
@@ -99,9 +102,6 @@ def test_a_run_trains_them_and_its_comparison_is_against_the_best(tmp_path):
     assert list(comparison.contrasts) == ["transfer"]
     assert comparison.verdicts["transfer"].rivals == 3
     assert {len(results.results[name]["maze"].steps) for name in NAMES} == {121}
-
-
-CONTROLS = 'controls=["placebo", "pretraining"]'
 
 
 def test_controls_of_a_study_are_those_of_compare(tmp_path):
@@ -121,21 +121,10 @@ def test_controls_of_a_study_are_those_of_compare(tmp_path):
     sources = {arms.keys["corner"] for arms in Arms.of(checked).arms.values() if arms.of}
     assert sources == {Arms.of(checked).keys["transfer", "corner"]}  # trained once
     assert results.record.groups() == [("transfer",)]
-
-
-def test_a_record_names_the_arm_of_each_control(tmp_path):
-    checked = study(tmp_path, changes=[CONTROLS])
-    record = plain(study_record(checked, Arms.of(checked)))
+    record = plain(results.record)
     record["arms"]["transfer, placebo"]["control_of"] = "another"
     with pytest.raises(ValueError, match=r"control_of must be the arm before its controls"):
         read_record(StudyRecord, record)
-
-
-def test_controls_that_make_no_sense_are_refused(tmp_path):
-    with pytest.raises(SettingError, match="controls need the comparison with scratch"):
-        Arms.of(study(tmp_path, "", changes=["scratch=false", CONTROLS]))
-    with pytest.raises(ConfigError, match="controls"):
-        study(tmp_path, changes=['controls=["placebos"]'])
 
 
 # -- in a comparison -------------------------------------------------------------------------------
@@ -159,6 +148,9 @@ def by_hand(height_of_arm, *further):
 def test_each_is_an_arm_with_the_same_total(calls):
     learners = {"fast": FAST, "sarsa": SARSA()}
     comparison = compare(corner(), seeds=[3, 5], controls=["placebo"], scratch=learners)
+    without = compare(corner(), seeds=[3, 5], controls=["placebo"])
+    for name in without.arms:  # those that would be there without are the same bit for bit
+        assert_same(comparison[name], without[name])
     names = ["scratch", "scratch, fast", "scratch, sarsa", "transfer", "transfer, placebo"]
     assert list(comparison.arms) == names
     assert comparison.scratches == tuple(names[:3])
@@ -170,16 +162,15 @@ def test_each_is_an_arm_with_the_same_total(calls):
     assert all(name.startswith("transfer") for name in comparison.contrasts)
 
 
-def test_arms_that_were_there_before_are_the_same_bit_for_bit():
-    comparison = compare(corner(), seeds=2, controls=["placebo"])
-    other = compare(corner(), seeds=2, controls=["placebo"], scratch=[FAST])
-    for name in comparison.arms:
-        assert_same(comparison[name], other[name])
-    assert comparison.threshold == other.threshold
-
-
 def test_the_shaping_of_a_target_does_not_change_what_others_learn_from_scratch(calls):
     """Without sources there is nothing to shape; state shaping is not for the optimist."""
+    sparse = pursuit(storage={"hunt": cr.Storage(kind="sparse")})  # not for Double Q-learning
+    learners = [cr.DoubleQLearning(), QLearning(epsilon=0.5, initial_value=3.0)]
+    comparison = compare(sparse, seeds=1, scratch=learners)
+    named = "scratch, QLearning(epsilon=0.5, initial_value=3.0)"
+    assert list(comparison.arms) == ["scratch", named, "transfer"]
+    assert "sparse tables are for QLearning" in str(comparison.failed["scratch, DoubleQLearning"])
+    calls.clear()
     plan = corner(shaping={"maze": cr.StateShaping()})
     compare(plan, seeds=1, scratch=[cr.learning.OptimisticQLearning()])
     assert calls[1]["shaping"] == []
@@ -200,23 +191,6 @@ def test_the_verdict_is_against_the_best():
     assert alone.verdict == "pays"
 
 
-def test_learners_are_named_after_their_settings():
-    learners = [QLearning(epsilon=0.5, initial_value=3.0), SARSA()]
-    comparison = compare(corner(), seeds=1, scratch=learners)
-    assert comparison.scratches[1:] == (
-        "scratch, QLearning(epsilon=0.5, initial_value=3.0)",
-        "scratch, SARSA",
-    )
-
-
-def test_one_that_fails_is_left_out():
-    """Double Q-learning has no sparse tables."""
-    plan = pursuit(storage={"hunt": cr.Storage(kind="sparse")})
-    comparison = compare(plan, seeds=1, scratch={"two": cr.DoubleQLearning(), "fast": FAST})
-    assert list(comparison.arms) == ["scratch", "scratch, fast", "transfer"]
-    assert "sparse tables are for QLearning" in str(comparison.failed["scratch, two"])
-
-
 @pytest.mark.parametrize(
     ("scratch", "message"),
     [
@@ -229,9 +203,6 @@ def test_one_that_fails_is_left_out():
 def test_what_makes_no_sense_is_refused_before_anything_is_trained(scratch, message, calls):
     with pytest.raises(SettingError, match=message):
         compare(corner(), seeds=1, scratch=scratch)
-    assert calls == []
-
-
-def test_an_arm_cannot_have_the_name_of_a_learner():
     with pytest.raises(CurriculumError, match="'scratch, fast' names two; rename"):
         compare({"scratch, fast": copied(MAZE)}, seeds=1, scratch={"fast": FAST})
+    assert calls == []

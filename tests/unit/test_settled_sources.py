@@ -27,7 +27,7 @@ def plan(**settings):
 # -- what the rule measures ------------------------------------------------------------------------
 
 
-def test_the_rise_by_hand():
+def test_the_rise_by_hand_and_what_is_no_evidence_of_one():
     greedy = np.array([0.0] * 20 + [1.0] * 81)
     assert share_of_rise(greedy, 100) == 0.0
     # While it rises, the last three tenths lie above those before.
@@ -36,14 +36,8 @@ def test_the_rise_by_hand():
     greedy[71:] = 4.0  # the last 30 of 100
     greedy[49:71] = 1.0  # and those before them
     assert share_of_rise(greedy, 100) == (4.0 - 1.0) / 4.0
-
-
-@pytest.mark.parametrize("flat", [np.zeros(101), np.full(101, np.nan)])
-def test_a_return_that_never_changed_is_no_evidence_that_anything_was_learnt(flat):
-    assert np.isnan(share_of_rise(flat, 100))
-
-
-def test_too_few_evaluations_are_no_evidence():
+    for flat in (np.zeros(101), np.full(101, np.nan)):
+        assert np.isnan(share_of_rise(flat, 100))
     greedy = np.array([0.0] * 5 + [1.0] * 95)
     known = [not np.isnan(share_of_rise(greedy, n)) for n in range(100)]
     assert not any(known[:35])
@@ -121,22 +115,15 @@ def test_the_verdict_names_sources_that_did_not_learn(read, tmp_path):
         assert unlearnt(compared, "transfer") in str(compared)
         (row,) = (row for row in compared.rows() if row["arm"] == "transfer")
         assert row["unlearnt"] == unlearnt(compared, "transfer")
-    learnt = cr.compare(plan(budget={"maze": 20_000}), seeds=2)
-    assert unlearnt(learnt, "transfer") == ""
-
-
-def test_a_source_that_a_threshold_ended_has_learnt_in_files_and_in_memory(read, tmp_path):
-    # It ends after a step, with a return far below random play's: the return alone is too low.
-    early = "{ max_steps = 4_000, threshold = -1e5, patience = 1, settled = 0.05 }"
-    changes = [
-        f"tasks.corner.budget={early}",
-        "tasks.corner.eval_freq=1",
-        "tasks.maze.budget=5_000",
-    ]
-    study = read(STUDY, set=["seeds=2", *changes])
-    stored = cr.run_study(study, tmp_path / "out", progress=False).comparison
+    # A source that a threshold ended has learnt, after a step, with a return too low by itself.
+    ended = "{ max_steps = 4_000, threshold = -1e5, patience = 1, settled = 0.05 }"
+    early = [f"tasks.corner.budget={ended}", "tasks.corner.eval_freq=1", "tasks.maze.budget=5_000"]
+    study = read(STUDY, set=["seeds=2", *early])
+    stored = cr.run_study(study, tmp_path / "early", progress=False).comparison
     again = cr.compare({"transfer": study.curriculum("transfer")}, seeds=2)
+    learnt = cr.compare(plan(budget={"maze": 20_000}), seeds=2)
     assert unlearnt(stored, "transfer") == unlearnt(again, "transfer") == ""
+    assert unlearnt(learnt, "transfer") == ""
 
 
 # -- sources ---------------------------------------------------------------------------------------
@@ -156,14 +143,6 @@ def rule(most):
     return cr.StoppingRule(most, settled=SETTLED)
 
 
-def test_a_target_has_no_rule_unless_it_is_a_source_too():
-    larger = cr.GridWorld([".....", "....T", ".PPP.", "S...."])
-    edges = [EDGE, cr.Transfer("maze", "larger", cr.same_position(larger, MAZE))]
-    chain = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"corner": None})
-    budgets = [chain.setting("budget", name) for name in ("corner", "maze", "larger")]
-    assert budgets == [rule(5_000), rule(5_000), 100_000]
-
-
 def test_sources_without_a_budget_share_a_tenth_of_the_targets():
     larger = cr.GridWorld([".....", "....T", ".PPP.", "S...."])
     edges = [EDGE, cr.Transfer("maze", "larger", cr.same_position(larger, MAZE))]
@@ -171,6 +150,14 @@ def test_sources_without_a_budget_share_a_tenth_of_the_targets():
         steps = 20 * larger.time_limit if isinstance(budget, cr.Episodes) else 4_000
         both = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"larger": budget})
         assert both.setting("budget", "corner") == rule(steps // 20)
+    chain = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"corner": None})
+    budgets = [chain.setting("budget", name) for name in ("corner", "maze", "larger")]
+    assert budgets == [rule(5_000), rule(5_000), 100_000]  # a target has none unless it is a source
+    for budget in (cr.Episodes(20), cr.StoppingRule(900, threshold=150.0)):
+        assert plan(budget=budget).node("corner").budget == budget
+    off = {"corner": cr.GreedyEvaluation(method="off")}  # what is not evaluated takes its cap
+    result = plan(budget=rule(3_000), evaluation=off).train(seeds=1, only="corner")
+    assert result["corner"].steps_used.tolist() == [3_000]
     wide = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"larger": 4_000, "maze": 900})
     assert wide.setting("budget", "corner") == rule(400)
     # Of two targets the larger counts, and longer training of the target changes no source.
@@ -206,36 +193,11 @@ def test_a_number_that_is_stated_is_a_cap():
     assert np.array_equal(ended.values[0], again.values[0])
 
 
-def test_episodes_and_rules_of_a_source_are_taken_as_they_are():
-    for budget in (cr.Episodes(20), cr.StoppingRule(900, threshold=150.0)):
-        assert plan(budget=budget).node("corner").budget == budget
-
-
-def test_a_source_that_is_not_evaluated_takes_its_cap():
-    off = {"corner": cr.GreedyEvaluation(method="off")}
-    result = plan(budget=rule(3_000), evaluation=off).train(seeds=1, only="corner")
-    assert result["corner"].steps_used.tolist() == [3_000]
-
-
-def test_arms_and_controls_spend_one_total():
-    arms = cr.compare(plan(budget={"maze": 20_000}), seeds=3, controls=["random_start"]).arms
-    steps = arms["transfer"].curve.source_steps
-    control = arms["transfer, random start"].curve.source_steps
-    assert (steps < 20_000).all()
-    assert steps.tolist() == control.tolist()
-
-
-STATED = "[tasks.corner]\nbudget = { max_steps = 4_000, settled = 0.05 }"
-
-
-def test_a_study_file_has_the_rule(read):
-    text = STUDY.replace("[tasks.corner]", STATED)
-    assert read(text).curriculum("transfer").node("corner").budget == rule(4_000)
-    over = read(text, set=["tasks.corner.budget.max_steps=70"])
-    assert over.curriculum("transfer").node("corner").budget == rule(70)
-
-
-def test_a_study_file_that_states_no_budget_has_the_defaults_of_a_curriculum(read):
+def test_a_study_file_has_the_rule_and_the_defaults_of_a_curriculum(read):
+    stated = "[tasks.corner]\nbudget = { max_steps = 4_000, settled = 0.05 }"
+    text, changes = STUDY.replace("[tasks.corner]", stated), ["tasks.corner.budget.max_steps=70"]
+    for steps, study in ((4_000, read(text)), (70, read(text, set=changes))):
+        assert study.curriculum("transfer").node("corner").budget == rule(steps)
     arm, by_hand = read(STUDY).curriculum("transfer"), plan()
     assert [arm.setting("budget", name) for name in ("corner", "maze")] == [rule(10_000), 100_000]
     assert arm.node("corner").eval_freq == by_hand.node("corner").eval_freq

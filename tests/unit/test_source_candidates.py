@@ -1,6 +1,5 @@
 """Candidates for the sources of a target, kind by kind, and which of them are dropped."""
 
-from collections import Counter
 from functools import partial
 from itertools import pairwise
 
@@ -103,25 +102,13 @@ def test_hazards_are_removed_together_and_one_by_one():
     candidates = only("removed", cr.tasks.FrozenLake("4x4"))
     assert candidates["no hole"].task.map == ("SFFF", "FFFF", "FFFF", "FFFG")
     assert len(candidates) == 5
+    candidates = only("removed", Pursuit(size=3, predators=2))
+    assert [candidate.task for candidate in candidates] == [Pursuit(size=3, predators=1)]
+    read = [dict(candidate.renaming)["predator"] for candidate in candidates["1 predator"].mappings]
+    assert read == ["predator_1", "predator_2"]
     rewards = cr.Rewards(pit=5.0)
     with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
         only("removed", GridWorld(["S.P", "..T"], rewards=rewards))
-
-
-def test_predators_are_removed():
-    target = Pursuit(size=3, predators=2)
-    candidates = only("removed", target)
-    assert names(candidates) == ["1 predator"]
-    assert candidates["1 predator"].task == Pursuit(size=3, predators=1)
-    read = [dict(candidate.renaming)["predator"] for candidate in candidates["1 predator"].mappings]
-    assert read == ["predator_1", "predator_2"]
-
-
-def test_a_maze_without_a_discount_has_candidates():
-    line = GridWorld("S.T", discount=1.0)  # the uniform policy ends, though others do not
-    np.testing.assert_allclose(cr.evaluate(line, line.mdp.random_policy).values, [188, 192, 0])
-    np.testing.assert_allclose(cr.planning.visit_distribution(line), [2 / 3, 1 / 3, 0])
-    assert source_candidates(GridWorld(["S...", "....", "...T"], discount=1.0)).candidates
 
 
 def test_penalties_are_rewards_below_those_of_most_steps():
@@ -135,20 +122,6 @@ def test_penalties_are_rewards_below_those_of_most_steps():
 
 
 # -- chance, starts, coarser tables -------------------------------------------------
-
-
-def test_the_likeliest_outcome_of_each_pair_stays():
-    once = [(0.3, 0, 0.0), (0.3, 0, 2.0), (0.4, 1, 0.0)]  # what leads alike counts together
-    target = FiniteMDP.from_outcomes(
-        [[once, [(1.0, 1, 100.0)]], [[], []]], terminal=[False, True], start=0, discount=0.9
-    )
-    (candidate,) = only("deterministic", target)
-    row = candidate.task.outcome_row[0, 0]
-    assert (candidate.task.next_state[row, 0], candidate.task.reward[row, 0]) == (0, 1.0)
-    with pytest.raises(CurriculumError, match="1 cannot be made"):
-        only("deterministic", Pursuit(size=3, predators=1))
-    (candidate,) = only("deterministic", cr.tasks.FrozenLake("4x4"))
-    assert candidate.task == cr.tasks.FrozenLake("4x4", slippery=False)
 
 
 @pytest.mark.parametrize(
@@ -182,19 +155,6 @@ def test_an_end_is_never_merged_with_what_goes_on():
 # -- all together --------------------------------------------------------------------------------
 
 
-def test_a_users_table_without_names_has_candidates():
-    candidates = source_candidates(chain())
-    kinds = Counter(candidate.kind for candidate in candidates)
-    assert set(kinds) == {"deterministic", "starts"}
-    candidate = candidates["starts 1..3 from the goal"]
-    plan = cr.Curriculum(
-        tasks={candidate.name: candidate.task, "chain": candidates.target},
-        transfers=[cr.Transfer(candidate.name, "chain", mapping) for mapping in candidate.mappings],
-        budget=200,
-    )
-    assert plan.train(seeds=1)["chain"].steps_used == [200]
-
-
 # -- a user's own, and what is dropped -----------------------------------------------------------
 
 
@@ -216,11 +176,6 @@ def test_a_renumbered_target_is_no_candidate():
     copy, *_ = renumbered(CORRIDOR.mdp, np.random.default_rng(0))
     with pytest.raises(CurriculumError, match="1 same as the target"):
         source_candidates(CORRIDOR, kinds=[], propose=lambda task: [proposed(copy)])
-
-
-def test_rewards_may_be_small():
-    rewards = cr.Rewards(step=-1e-13, treasure=1e-12)
-    assert names(only("starts", GridWorld("S....T", rewards=rewards)))
 
 
 @pytest.mark.parametrize(
@@ -301,9 +256,6 @@ REFUSALS = {
 @pytest.mark.parametrize(("error", "call", "says"), cases(REFUSALS))
 def test_refusals(error, call, says):
     check_refusal(error, call, says)
-
-
-def test_wrong_values_are_named():
     wrong = {"kinds": [["crops"], "crop"], "most": [0], "propose": [5, lambda target: None]}
     check_values(CurriculumError, partial(source_candidates, CORRIDOR), wrong)
 
@@ -313,3 +265,8 @@ def test_every_kind_has_its_turn_in_some_target():
     assert {candidate.kind for candidate in candidates} == set(KINDS)
     assert len(KINDS) == 6
     assert all(a.name != b.name for a, b in pairwise(candidates))
+    assert source_candidates(GridWorld(["S...", "....", "...T"], discount=1.0)).candidates
+    plain = source_candidates(chain())  # a user's table without names
+    assert {candidate.kind for candidate in plain} == {"deterministic", "starts"}
+    small = cr.Rewards(step=-1e-13, treasure=1e-12)
+    assert names(only("starts", GridWorld("S....T", rewards=small)))

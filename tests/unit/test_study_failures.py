@@ -1,9 +1,7 @@
 """An arm that fails is reported as failed; the other arms are trained, stored and compared."""
 
-import pickle
 import re
 import sys
-from concurrent.futures import Executor, Future
 
 import numpy as np
 import pytest
@@ -11,8 +9,8 @@ import pytest
 from curricle.errors import ConfigError, StoreError, StudyError
 from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
-from curricle.study.results import FAILURES
-from curricle.study.workers import WorkerProcesses
+from curricle.study.results import FAILURES, without_folders
+from tests.support.executors import Elsewhere, Inline
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 FAILING = """
@@ -60,6 +58,11 @@ def test_the_other_arms_stand(study, finished, tmp_path):
     assert set(results.comparison.arms) == {"scratch", "chain", "scaled"}
     page = write_report(tmp_path / "out").read_text()
     assert f"The arm state failed and is left out: {WORDS}" in page
+    (tmp_path / "broken").unlink()  # and what failed is trained again
+    again = run_study(study, tmp_path / "out", resume=True, workers=2)
+    assert again.failed == {}
+    assert str(again.comparison) == str(wanted.comparison)
+    assert not (tmp_path / "out" / FAILURES).exists()
 
 
 def test_own_code_that_leaves_fails_its_arm_alone(study, finished, tmp_path):
@@ -73,18 +76,6 @@ def test_own_code_that_leaves_fails_its_arm_alone(study, finished, tmp_path):
     (tmp_path / "rules.py").write_text("raise SystemExit(0)\n")
     with pytest.raises(ConfigError, match="SystemExit"):
         read_study(tmp_path / "chain.toml").curricula  # noqa: B018
-
-
-def test_what_failed_is_trained_again(study, finished, tmp_path, contents):
-    with pytest.raises(StudyError):
-        run_study(study, tmp_path / "out", workers=1)
-    assert (tmp_path / "out" / FAILURES).exists()
-    (tmp_path / "broken").unlink()
-    results = run_study(study, tmp_path / "out", resume=True, workers=2)
-    assert results.failed == {}
-    wanted = StudyResults(finished).comparison
-    assert str(results.comparison) == str(wanted)
-    assert not (tmp_path / "out" / FAILURES).exists()
 
 
 OWN_ERRORS = """
@@ -104,21 +95,6 @@ class Ours(TaskError):
 def mean(values):
     raise ERROR("a rule of the thesis is not met", 3)
 """
-
-
-class Copies(Executor):
-    """Hands on what is raised as another process does: pickled here and unpickled there."""
-
-    def submit(self, function, sent_unit):
-        future = Future()
-        try:
-            future.set_result(function(sent_unit))
-        except Exception as error:
-            try:
-                future.set_exception(pickle.loads(pickle.dumps(error)))
-            except Exception as broken:
-                future.set_exception(broken)
-        return future
 
 
 @pytest.fixture
@@ -145,26 +121,16 @@ def test_errors_of_ones_own_read_the_same_wherever_units_are_trained(
 ):
     wanted = told_of(own_errors(error), tmp_path / "threads", None)
     assert f"whole: {kind}a rule of the thesis is not met: got 3" in wanted[0]
-    assert told_of(own_errors(error), tmp_path / "copies", Copies()) == wanted
+    assert told_of(own_errors(error), tmp_path / "copies", Elsewhere()) == wanted
 
 
-@pytest.mark.slow
-def test_so_they_do_in_processes(own_errors, tmp_path):
-    wanted = told_of(own_errors("Unmet"), tmp_path / "threads", None)
-    with WorkerProcesses(1) as pool:
-        assert told_of(own_errors("Unmet"), tmp_path / "processes", pool) == wanted
-
-
-class FailsScratch(Executor):
+class FailsScratch(Inline):
     """Trains a unit when it is submitted, unless it is of the arm from scratch."""
 
-    def submit(self, function, sent_unit):
-        future = Future()
-        if sent_unit.unit.arm == "scratch":
-            future.set_exception(MemoryError("64 TB"))
-        else:
-            future.set_result(function(sent_unit))
-        return future
+    def result(self, function, work):
+        if work.unit.arm == "scratch":
+            raise MemoryError("64 TB")
+        return function(work)
 
 
 def test_without_scratch_nothing_more_is_trained(study_file, tmp_path):
@@ -190,6 +156,15 @@ def test_merged_parts_keep_their_failures(study, tmp_path):
     run_study(study, parts[1], workers=1, shard=(2, 2), resume=True)
     for part in (*parts, parts[0]):  # a part that is merged later forgets no failure
         assert merge(tmp_path / "later", [part]).failed == {"state": WORDS}
+
+
+def test_stored_errors_name_files_without_their_folders():
+    for text, kept in (
+        ("[Errno 2] No such file: '/home/a b/maze.txt'", "[Errno 2] No such file: 'maze.txt'"),
+        ("cannot read /srv/lab/maze.txt: 1/2 of it", "cannot read maze.txt: 1/2 of it"),
+        (r"no C:\\Users\\me\\maze.txt here", "no maze.txt here"),
+    ):
+        assert without_folders(text) == kept
 
 
 @pytest.mark.parametrize(

@@ -13,18 +13,10 @@ import pytest
 from curricle.errors import StoreError
 from curricle.files import sealed
 from curricle.study import StudyResults, StudyStore, read_study, run_study
-from curricle.study.results import without_folders
 from curricle.study.store import StoredUnit
+from tests.support.studies import LINES
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-MAZE = """
-name = "maze"
-seeds = 3
-opponents = []
-tasks.near = { type = "maze", map = "S.T", budget = 100 }
-tasks.far = { type = "maze", map = "S..T", budget = 200 }
-transfers = [{ source = "near", target = "far", mapping = "same_position" }]
-"""
 
 
 def read_everything(folder):
@@ -65,30 +57,26 @@ def test_what_only_concerns_its_reading_may_change(study_file, finished, copied,
     assert there == here
 
 
-def test_going_on_has_to_be_asked_for(study_file, copied, refused):
-    refused(copied, "already holds results, 16 files.*--resume", read_study(study_file))
-
-
-def test_a_folder_of_other_files_is_refused(study_file, tmp_path, refused):
-    (tmp_path / "out" / "chapters").mkdir(parents=True)
-    (tmp_path / "out" / "chapters" / "one.txt").write_text("years of work")
+def test_what_is_no_folder_of_its_own_is_refused(study_file, copied, tmp_path, refused):
+    study = read_study(study_file)
+    refused(copied, "already holds results, 16 files.*--resume", study)
+    out, file, nowhere = (tmp_path / name for name in ("out", "file", "nowhere"))
+    (out / "chapters").mkdir(parents=True)
+    (out / "chapters" / "one.txt").write_text("years of work")
     for resume in (False, True):
-        refused(tmp_path / "out", "holds other files", read_study(study_file), resume=resume)
-
-
-def test_what_is_no_folder_is_refused(study_file, tmp_path, refused):
-    (tmp_path / "out").write_text("not a folder")
-    refused(tmp_path / "out", "is a file", read_study(study_file))
-    (tmp_path / "file").write_text("not a folder")
+        refused(out, "holds other files", study, resume=resume)
+    file.write_text("not a folder")
+    refused(file, "is a file", study)
     with pytest.raises(StoreError, match=r"cannot be written to .*Not a directory"):
-        run_study(read_study(study_file), tmp_path / "file" / "out")
-    assert (tmp_path / "file").read_text() == "not a folder"
-
-
-def test_a_folder_without_a_study_cannot_be_read(tmp_path):
-    for place in (tmp_path, tmp_path / "nowhere"):
+        run_study(study, file / "out")
+    assert file.read_text() == "not a folder"
+    for place in (tmp_path, nowhere):
         with pytest.raises(StoreError, match=r"holds a study\.json: .* has none"):
             StudyResults(place)
+    for arm, node in (("chian", "maze"), ("chain", "mace"), ("scaled", "corner")):
+        for read in (StudyResults(copied).result, StudyResults(copied).decisions):
+            with pytest.raises(StoreError, match=r"mace|chian|corner"):
+                read(arm, node)
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root writes anywhere")
@@ -102,32 +90,12 @@ def test_a_folder_that_cannot_be_written_is_refused(study_file, copied, refused)
 
 def test_what_a_killed_run_left_unfinished_means_nothing(study_file, finished, copied, contents):
     (copied / ".study123.part").write_text("{")
+    (copied / ".link.part").symlink_to(copied.parent)
     unit = StudyStore(copied).units()[0].path
     (unit.parent / ".tmp.part").write_bytes(unit.read_bytes()[:99])
     read_everything(copied)
     run_study(read_study(study_file), copied, resume=True)
     assert contents(copied) == contents(finished)
-
-
-def test_an_arm_or_a_task_that_is_not_there_is_said_so(finished):
-    study = StudyResults(finished)
-    for arm, node in (("chian", "maze"), ("chain", "mace"), ("scaled", "corner")):
-        with pytest.raises(StoreError, match=r"mace|chian|corner"):
-            study.result(arm, node)
-        with pytest.raises(StoreError, match=r"mace|chian|corner"):
-            study.decisions(arm, node)
-
-
-@pytest.mark.parametrize(
-    ("text", "kept"),
-    [
-        ("[Errno 2] No such file: '/home/a b/maze.txt'", "[Errno 2] No such file: 'maze.txt'"),
-        ("cannot read /srv/lab/maze.txt: 1/2 of it", "cannot read maze.txt: 1/2 of it"),
-        (r"no C:\\Users\\me\\maze.txt here", "no maze.txt here"),
-    ],
-)
-def test_stored_errors_name_files_without_their_folders(text, kept):
-    assert without_folders(text) == kept
 
 
 # -- damage ------------------------------------------------------------------------------------
@@ -141,8 +109,9 @@ def harmed(content, how):
     return content[:middle] if how == "cut" else b""
 
 
-@pytest.mark.parametrize("how", ["cut", "emptied", "flipped", "gone"])
-@pytest.mark.parametrize("number", [0, -1])
+@pytest.mark.parametrize(
+    ("number", "how"), [(0, "cut"), (0, "flipped"), (-1, "emptied"), (-1, "gone")]
+)
 def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, contents, number, how):
     file, gone = StudyStore(copied).units()[number].path, how == "gone"  # the first has snapshots
     file.write_bytes(harmed(file.read_bytes(), how))
@@ -162,19 +131,29 @@ def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, content
     assert contents(copied) == contents(finished)
 
 
-@pytest.mark.parametrize("how", ["cut", "emptied", "flipped"])
-def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, contents, how):
-    file = copied / "study.json"
-    file.write_bytes(harmed(file.read_bytes(), how))
+def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, contents):
+    file, study = copied / "study.json", read_study(study_file)
+    file.write_bytes(harmed(file.read_bytes(), "flipped"))
     before = contents(copied)
-    study = read_study(study_file)
     for read in (lambda: StudyResults(copied), lambda: run_study(study, copied, resume=True)):
         with pytest.raises(StoreError, match=re.escape(str(file))):
             read()
         assert contents(copied) == before
     file.unlink()
+    for name in ("results.parquet", "decisions.parquet"):  # tables of all units
+        (copied / name).write_bytes(b"damaged")
     run_study(study, copied, resume=True, workers=2)
     assert contents(copied) == contents(finished)
+
+
+@pytest.mark.parametrize("name", ["runs.json", "analysis.json"])
+def test_what_blocks_a_run_says_how_to_go_on(study_file, copied, name):
+    for content in (b"{", b"{}", b"[3]", b"null", b'[{"versions": 3}]', sealed({"of": 3})):
+        (copied / name).write_bytes(content)
+        with pytest.raises(StoreError, match=f"{name} .*; delete it and run .* again with --resu"):
+            run_study(read_study(study_file), copied, resume=True)
+    (copied / name).unlink()
+    assert len(run_study(read_study(study_file), copied, resume=True).seeds) == 4
 
 
 def with_flipped_bits(file):
@@ -203,24 +182,6 @@ def test_no_flipped_bit_of_what_is_read_of_a_large_unit_goes_unnoticed(copied, m
     for _ in with_flipped_bits(unit.path):
         with suppress(StoreError):
             assert {k: array.tobytes() for k, array in unit.arrays("run").items()} == whole
-
-
-@pytest.mark.parametrize("name", ["results.parquet", "decisions.parquet"])
-def test_tables_of_all_units_are_written_anew(study_file, finished, copied, contents, name):
-    (copied / name).write_bytes(b"damaged")
-    run_study(read_study(study_file), copied, resume=True)
-    assert contents(copied) == contents(finished)
-
-
-@pytest.mark.parametrize("text", ["{", "{}", "[3]", "null", '[{"versions": 3}]'])
-@pytest.mark.parametrize("name", ["runs.json", "analysis.json"])
-def test_what_blocks_a_run_says_how_to_go_on(study_file, copied, name, text):
-    for content in (text.encode(), sealed({"of": 3})):
-        (copied / name).write_bytes(content)
-        with pytest.raises(StoreError, match=f"{name} .*; delete it and run .* again with --resu"):
-            run_study(read_study(study_file), copied, resume=True)
-    (copied / name).unlink()
-    assert len(run_study(read_study(study_file), copied, resume=True).seeds) == 4
 
 
 def test_other_snapshots_are_refused_where_units_have_theirs(study_file, copied, contents):
@@ -331,18 +292,11 @@ print(*(name for name in opened if name.startswith({str(copied)!r})), sep="\\n")
     assert contents(copied) == before
 
 
-def test_a_new_run_has_no_seeds_of_a_run_that_stored_nothing(tmp_path):
-    (tmp_path / "maze.toml").write_text(MAZE)
-    run_study(read_study(tmp_path / "maze.toml", set=["seeds=5"]), tmp_path / "out")
-    shutil.rmtree(tmp_path / "out" / "units")
-    again = run_study(read_study(tmp_path / "maze.toml"), tmp_path / "out")
-    assert again.record.seeds == (0, 1, 2)
-
-
-def test_an_analysis_of_other_arms_is_gone_when_a_changed_study_goes_on(tmp_path):
-    (tmp_path / "maze.toml").write_text(MAZE)
-    before = run_study(read_study(tmp_path / "maze.toml"), tmp_path / "out")
-    assert before.analysis is not None
-    changed = read_study(tmp_path / "maze.toml", set=['tasks.far.map="S...T"', "scratch=false"])
-    after = run_study(changed, tmp_path / "out", resume=True)
-    assert after.analysis is None
+def test_a_run_has_no_seeds_and_no_analysis_of_runs_before_it(tmp_path):
+    file, out = tmp_path / "lines.toml", tmp_path / "out"
+    file.write_text(LINES)
+    assert run_study(read_study(file, set=["seeds=5"]), out).analysis is not None
+    shutil.rmtree(out / "units")
+    assert run_study(read_study(file), out).record.seeds == (0, 1, 2)
+    changed = read_study(file, set=['tasks.far.map="S..T"', "scratch=false"])
+    assert run_study(changed, out, resume=True).analysis is None

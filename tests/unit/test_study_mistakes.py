@@ -102,6 +102,7 @@ family = "pursuit" | family = "persuit" | line 7: tasks.chase.family must be one
 length = 4 | length = 4, limit = 0.5 | line 6: tasks.short.limit must be a whole
 length = 4 | length = 4, treasure = 13 | own:corridor failed: RuntimeError: no luck
 family = "own:corridor" | family = "own:plain" | own:plain must be a TaskFamily
+family = "own:corridor" | family = "own:lane" | own:lane has the parameter budget, which is a key of
 [starts]
 START | "reachble" | line 12: tasks.near.start_states must be 'uniform', 'reachable', or a
 START | { distance = [1, 2, 3] } | line 12: tasks.near.start_states.distance must be a number
@@ -119,6 +120,7 @@ VIEW | 'MiniGridFullView' | must be a table, as MiniGridFullView needs width and
 VIEW | { type = 'MiniGridFullView', width = 4, height = 9 } | must fit into its encoder's 4 x
 VIEW | 'own:half' | own:half failed with TypeError
 [network]
+id = | start_states = "uniform"\nid = | tasks.hunt.start_states must be left out for hunt
 DEEP |  | line 4: learner must be { type = "deep", ... } for hunt, which is seen
 aggr | GUARD 'QInitialisation' }\naggr | a portfolio is for learners with tables: got
 aggr | GUARD 'PolicyReuse' }\naggr | shaping.portfolio is unknown
@@ -239,6 +241,10 @@ REFUSED = [
     (lambda: read_study(3), "a study file must be a path: got 3"),
     (lambda: read_study("hunt.toml", set="a=1"), "set must be a list of settings, each key=value"),
     (lambda: read_study("hunt.toml").curriculum("trasfer"), "hunt.toml: arm 'trasfer' is unknown"),
+    (
+        lambda: read_study("hunt.toml", arms=["trasfer"]),
+        "arm 'trasfer' is unknown, did you mean 't",
+    ),
     *(
         (lambda change=change: read_study("hunt.toml", set=[change]), "a setting must be key=")
         for change in (3, "tasks", "=3", "a b=3", "a..b=3", "")

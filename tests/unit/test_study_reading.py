@@ -15,33 +15,13 @@ from curricle.show.report import write_report
 from curricle.study import StudyResults, compare_studies, merge, read_study, run_study
 from curricle.study.results import DECISIONS as ALL_DECISIONS, RESULTS
 from curricle.study.store import ANALYSIS
+from tests.support.studies import CORNER, LINES
 
-CORNER = """
-name = "corner"
-opponents = []
-seeds = 3
-eval_freq = 100
-learner = { learning_rate = 0.5, epsilon = 0.1 }
-transfers = [{ source = "corner", target = "maze", mapping = "same_position" }]
-[tasks]
-maze = { type = "maze", map = "....T\\n.PPP.\\nS....", budget = 1000 }
-[tasks.corner]
-type = "crop"
-of = "maze"
-rows = [0, 2]
-columns = [2, 5]
-budget = { max_steps = 4000 }
-"""
-LINES = """
-name = "lines"
-opponents = []
-seeds = 16
-seeds_per_unit = 4
-eval_freq = 50
-tasks.near = { type = 'maze', map = 'S..T', budget = { max_steps = 100 } }
-tasks.far = { type = 'maze', map = 'S...T', budget = 200 }
-transfers = [{ source = 'near', target = 'far', mapping = 'same_position' }]
-"""
+OF_CORNER = [
+    *("seeds=3", "eval_freq=100", "learner.learning_rate=0.5"),
+    "tasks.corner.budget={ max_steps = 4_000 }",
+]
+
 TEXT, INT, FLOAT = "VARCHAR", "BIGINT", "DOUBLE"
 CURVES = {
     **{"arm": TEXT, "task": TEXT, "seed": INT, "checkpoint": INT, "steps": INT},
@@ -52,12 +32,6 @@ DECISIONS = {
     **{"arm": TEXT, "task": TEXT, "seed": INT, "steps": INT, "ends": "BOOLEAN", "criterion": TEXT},
     **{"lowest": FLOAT, "level": FLOAT, "rise": FLOAT, "settled": FLOAT, "reason": TEXT},
 }
-FINALS = """
-SELECT arm, avg(greedy_return) AS final FROM (
-    SELECT *, row_number() OVER (PARTITION BY arm, seed ORDER BY checkpoint DESC) AS back
-    FROM '{file}' WHERE task = 'maze')
-WHERE back = 1 GROUP BY arm
-"""
 
 
 @pytest.fixture(scope="module")
@@ -81,28 +55,6 @@ def test_columns_and_their_types(finished, name, columns):
     assert not frame[numbered].isna().any(axis=None)
 
 
-def test_duckdb_says_the_same(finished, study):
-    file, arms = finished / RESULTS, study.comparison.arms
-    results = (result for arm in study.results.values() for result in arm.values())
-    reached = sum(int((r.steps <= used).sum()) for r in results for used in r.steps_used)
-    assert duckdb.sql(f"SELECT count(*) FROM '{file}'").fetchall() == [(reached,)]
-    finals = {name: arm.curve.values[:, -1].mean() for name, arm in arms.items()}
-    assert dict(duckdb.sql(FINALS.format(file=file)).fetchall()) == pytest.approx(finals)
-
-
-def test_arrays_of_units_are_read_by_numpy_alone(finished):
-    # What arms share is there once: the study's table without arms is what the units hold.
-    of_arms = pd.read_parquet(finished / RESULTS)
-    of_arms = of_arms[(of_arms.arm != "state") | (of_arms.task != "corner")]
-    returns, files = [], list(finished.glob("units/*/*.npz"))
-    for file in files:
-        with np.load(file) as unit:
-            reached = unit["steps"] <= unit["steps_used"][:, None]
-            returns += unit["greedy_return"][reached].tolist()
-    assert len(files) > 1
-    assert sorted(map(repr, returns)) == sorted(map(repr, of_arms.greedy_return.tolist()))
-
-
 def test_curves_are_those_of_the_results(finished, study):
     frame = pd.read_parquet(finished / RESULTS)
     for (arm, node, seed), part in frame.groupby(["arm", "task", "seed"]):
@@ -115,6 +67,13 @@ def test_curves_are_those_of_the_results(finished, study):
         for name in ("training_return", "greedy_return", "source_share", "episodes"):
             np.testing.assert_array_equal(part[name], getattr(result, name)[k, :n])
         assert set(part.source_steps) == {study.source_steps(arm, node)[k]}
+    # What arms share is there once: the table without such arms is what NumPy reads of the units.
+    of_arms, returns = frame[(frame.arm != "state") | (frame.task != "corner")], []
+    for file in finished.glob("units/*/*.npz"):
+        with np.load(file) as unit:
+            reached = unit["steps"] <= unit["steps_used"][:, None]
+            returns += unit["greedy_return"][reached].tolist()
+    assert sorted(map(repr, returns)) == sorted(map(repr, of_arms.greedy_return.tolist()))
 
 
 def test_every_seed_of_every_task_says_why_it_ended(finished, study):
@@ -150,7 +109,7 @@ def corner(tmp_path):
     def ran(budget, *changes):
         file = tmp_path / "corner.toml"
         file.write_text(CORNER)
-        study = read_study(file, set=[f"tasks.maze.budget={budget}", *changes])
+        study = read_study(file, set=[*OF_CORNER, f"tasks.maze.budget={budget}", *changes])
         return run_study(study, tmp_path / f"of_{budget}", workers=1, progress=False)
 
     return ran
@@ -175,14 +134,6 @@ def test_the_smallest_total_must_leave_steps_for_every_target(corner):
         )
 
 
-def test_the_smallest_total_does_not_change_what_was_learnt_by_it(corner):
-    small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
-    together = compare_studies([small, large])
-    short, long = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
-    np.testing.assert_array_equal(short.values, long.values)
-    np.testing.assert_array_equal(short.source_steps, long.source_steps)
-
-
 def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
     small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
     for why, fault in (("a schedule", "a schedule"), (None, "did not note whether")):
@@ -193,13 +144,18 @@ def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
         with pytest.raises(CurriculumError, match=message):
             compare_studies([small, large])
         large.record = large.record.model_copy(update={"arms": arms})
-    assert compare_studies([small, large]).total == 1200
+    together = compare_studies([small, large])
+    assert together.total == 1200
+    # ... and what was learnt by it is the same in both.
+    short, long = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
+    np.testing.assert_array_equal(short.values, long.values)
+    np.testing.assert_array_equal(short.source_steps, long.source_steps)
 
 
 def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
     file, interim = tmp_path / "lines.toml", "interim, 8 of 16 seeds: no verdict"
     file.write_text(LINES)
-    study, pages = read_study(file), []
+    study, pages = read_study(file, set=["seeds=16", "seeds_per_unit=4", "eval_freq=50"]), []
     for shard in ((1, 2), (2, 2)):
         part = run_study(study, tmp_path / f"{shard[0]}", shard=shard, progress=False)
         print_results(part, None, None)

@@ -1,63 +1,25 @@
 """What a study's results depend on: the study and its seeds, and nothing about how it is run."""
 
 import json
-import multiprocessing
 import pickle
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait
 from functools import partial
 
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison import plan
 from curricle.curriculum.result import SourceValues
-from curricle.errors import SettingError, StoreError, StudyError
-from curricle.study import StudyResults, read_study, run_study
+from curricle.errors import ConfigError, CurriculumError, SettingError, StoreError, StudyError
+from curricle.study import StudyConfig, StudyResults, read_study, run_study
 from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
+from tests.support.executors import Held, Inline, sent_units
 from tests.support.refusals import check_values
-from tests.support.studies import HUNT, NUMBERED_HUNT, reader
+from tests.support.studies import CORNER, HUNT, NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 CURVES = ("steps", "training_return", "greedy_return", "source_share", "episodes")
 SPENT = ("steps_used", "episodes_used", "out_of_memory")
-
-
-class Inline(Executor):
-    """Trains a unit when it is submitted; after so many it takes none."""
-
-    def __init__(self, most=10**9):
-        self.left, self.trained = most, 0
-
-    def submit(self, function, work):
-        if not self.left:
-            raise OSError("the cluster is gone")
-        self.left -= 1
-        future = Future()
-        try:
-            future.set_result(function(work))
-            self.trained += 1
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-class LastFirst(Executor):
-    """Holds what is submitted; the last of it is trained when results are waited for."""
-
-    def __init__(self):
-        self.held, self.submitted = [], []
-
-    def submit(self, function, work):
-        self.held.append((Future(), function, work))
-        self.submitted.append(work.unit)
-        return self.held[-1][0]
-
-    def wait(self, futures, timeout, return_when):
-        future, function, work = self.held.pop()
-        future.set_result(function(work))
-        return wait(futures, return_when=return_when)
 
 
 def assert_equal(results, wanted, *, values=True):
@@ -89,25 +51,16 @@ def by_hand(study_file, arm):
 # -- how it is run -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("seeds_per_unit", "workers"), [(1, 3), (3, 1)])
-def test_block_and_workers_change_nothing(study_file, finished, tmp_path, seeds_per_unit, workers):
-    study = read_study(study_file, set=[f"seeds_per_unit={seeds_per_unit}"])
-    run_study(study, tmp_path / "out", workers=workers)
+def test_block_and_workers_change_nothing(study_file, finished, tmp_path):
+    run_study(read_study(study_file, set=["seeds_per_unit=1"]), tmp_path / "out", workers=3)
     assert_same_results(tmp_path / "out", finished)
 
 
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
-    pool, ended = LastFirst(), []
-    monkeypatch.setattr(plan, "wait", pool.wait)
-    how = {"workers": 4, "executor": pool, "progress": lambda now: ended.append(now.stored)}
-    run_study(read_study(study_file), tmp_path / "out", **how)
-    assert ended[1:] != pool.submitted
-    assert_same_results(tmp_path / "out", finished)
-
-
-def test_processes_change_nothing(study_file, finished, tmp_path):
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        run_study(read_study(study_file), tmp_path / "out", workers=2, executor=pool)
+    pool, ended, study = Held([4], last_first=True), [], read_study(study_file)
+    done = {"progress": lambda now: ended.append(now.stored)}
+    sent_units(pool, monkeypatch, study, tmp_path / "out", **done)
+    assert ended[1:] != [work.unit for work in pool.submitted]
     assert_same_results(tmp_path / "out", finished)
 
 
@@ -174,20 +127,6 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
         if trained.decisions(node)[0]:
             sentences = [[*map(str, of_seed)] for of_seed in trained.decisions(node)]
             assert study.decisions(arm, node) == dict(enumerate(sentences))
-
-
-def test_the_comparison_is_that_of_compare(study_file, finished):
-    results = StudyResults(finished).comparison
-    wanted = cr.compare(read_study(study_file).curricula, seeds=4, opponents=())
-    assert list(results.arms) == list(wanted.arms)
-    for name, arm in wanted.arms.items():
-        np.testing.assert_array_equal(results[name].curve.steps, arm.curve.steps)
-        np.testing.assert_array_equal(results[name].curve.values, arm.curve.values)
-        np.testing.assert_array_equal(results[name].curve.source_steps, arm.curve.source_steps)
-    for name in ("total", "budget", "window", "threshold"):
-        assert getattr(results, name) == getattr(wanted, name)
-    assert results.threshold_from == wanted.threshold_from != ""
-    assert str(results) == str(wanted)
 
 
 def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_path):
@@ -281,3 +220,75 @@ def test_arms_that_are_not_compared_keep_budgets_of_their_own(tmp_path):
     with pytest.raises(SettingError, match="own budget with compared = false"):
         run_study(read_study(file, set=changes[1:2]), tmp_path / "compared")
     assert not (tmp_path / "compared").exists()
+
+
+STUDY = CORNER.replace("\n", "\nseeds = [3, 5]\nbudget = 600\nthreshold = 5\nwindow = 2\n", 1)
+PLAN = "[arms.plain]\n[arms.halved]\ntransfers.0.scale = 0.5\n"
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "corners.toml").write_text(STUDY, "utf-8")
+    return tmp_path / "corners.toml"
+
+
+def test_a_study_runs_from_its_path_into_the_folder_of_the_command_line(file):
+    results = cr.run_study("corners.toml")
+    assert (file.parent / "corners-results" / "study.json").exists()
+    again = cr.run_study(file, resume=True)
+    np.testing.assert_array_equal(
+        results.results["transfer"]["maze"].values, again.results["transfer"]["maze"].values
+    )
+    cr.run_study(cr.read_study(file), "elsewhere")
+    assert StudyResults("elsewhere").seeds == (3, 5)
+
+
+def test_a_study_without_a_file_is_called_by_its_name(tmp_path):
+    data = {"name": "line", "arms": {"only": {"tasks": {"a": {"type": "maze", "map": "S.T"}}}}}
+    assert StudyConfig.from_data(data, tmp_path).results_folder == "line-results"
+
+
+def test_a_study_is_compared_from_its_path_with_its_own_settings(file):
+    study = cr.read_study(file)
+    expected = cr.compare(study.curricula, seeds=[3, 5], threshold=5, window=2, opponents=())
+    for argument in ("corners.toml", file, study):
+        comparison = cr.compare(argument)
+        assert (comparison.seeds, comparison.threshold, comparison.window) == (2, 5, 2)
+        assert str(comparison) == str(expected)
+    assert cr.compare(arms=file, seeds=[7], window=1).seeds == 1
+
+
+def test_learners_from_scratch_are_compared_too(file):
+    file.write_text(STUDY + "[scratch_learners.bold]\ninitial_value = 9.0\n", "utf-8")
+    assert "scratch, bold" in cr.compare(file).arms
+
+
+def test_a_study_of_one_arm_is_forecast_from_its_path(file):
+    foreseen = cr.forecast("corners.toml", trial=False)
+    assert foreseen.trained["corner"].seeds == (3, 5)
+    assert cr.forecast(file, trial=False, seeds=[1]).trained["corner"].seeds == (1,)
+    file.write_text(STUDY + PLAN, "utf-8")
+    with pytest.raises(ConfigError, match=r"a forecast is of one arm: .* ARM one of plain, halved"):
+        cr.forecast("corners.toml")
+
+
+def test_what_is_no_study_is_refused_in_a_sentence(file, tmp_path_factory):
+    stored = tmp_path_factory.mktemp("other") / "results"
+    cr.run_study(file, stored)
+    for function in (cr.run_study, cr.compare, cr.forecast):
+        with pytest.raises(ConfigError, match=r"nowhere.toml cannot be read: No such file"):
+            function("nowhere.toml")
+        with pytest.raises(ConfigError, match=r"is a folder of results, which StudyResults\(FOLD"):
+            function(stored)
+    with pytest.raises(
+        SettingError, match="study must be a StudyConfig or the path of a file: got"
+    ):
+        cr.run_study(cr.GridWorld("S.T"))
+    with pytest.raises(CurriculumError, match="must be a Mapping: got 5"):
+        cr.compare(5)
+    with pytest.raises(CurriculumError, match="must be a Curriculum: got 5"):
+        cr.forecast(5)
+    with pytest.raises(StoreError, match="a folder must be a path or a URL: got 5"):
+        cr.run_study(file, 5)
+    assert [path.name for path in file.parent.iterdir()] == ["corners.toml"]

@@ -1,6 +1,5 @@
 """Which arm is better than which, why, and that no answer depends on what else was asked."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -8,12 +7,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import stats
 
-from curricle.cli.app import main
 from curricle.comparison import Comparison, Reference, seeds_needed, verdicts_of
 from curricle.comparison.controls import CHANGES
 from curricle.comparison.verdicts import ASKING, SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import Curve, mean_interval, sign_flip_test
+from curricle.statistics import mean_interval, sign_flip_test
 from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyResults
 from tests.support.comparisons import alone as compare, corner, flat
@@ -154,7 +152,7 @@ def test_a_rival_at_a_constant_distance_does_not_hide_the_spread_over_another():
 # -- arm against arm ---------------------------------------------------------------------------
 
 
-def test_any_arm_can_be_asked_about():
+def test_any_arm_can_be_asked_about(finished, curricle):
     comparison = compared(scratch=column(0), one=column(3), two=column(5), a_control=column(1))
     against = comparison.against("one")
     assert list(against) == ["two"]
@@ -163,33 +161,18 @@ def test_any_arm_can_be_asked_about():
     assert str(comparison.against("scratch")) == str(comparison.verdicts)
     with pytest.raises(CurriculumError, match="an arm must be one of scratch, one, two"):
         comparison.against("three")
+    code, out, _ = curricle("compare", finished, "--against", "chain")
+    stored = StudyResults(finished).comparison
+    answers = stored.against("chain")
+    assert (list(answers), code) == (["state", "scaled"], 0)
+    lines = [f"{name} gains more than chain: {verdict}" for name, verdict in answers.items()]
+    assert out == "\n".join([str(stored), *lines, ""])
     comparison = compare(corner(), seeds=6)
     gain, contrast = (
         comparison.verdicts["transfer"].gain,
         comparison.contrasts["transfer"].strong_gain,
     )
     assert (gain.estimate, gain.low, gain.high) == (contrast.estimate, contrast.low, contrast.high)
-
-
-def test_the_command_asks_about_any_arm(finished, monkeypatch, capsys):
-    command = ["curricle", "compare", str(finished), "--against", "chain"]
-    monkeypatch.setattr(sys, "argv", command)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    comparison = StudyResults(finished).comparison
-    answers = comparison.against("chain")
-    assert (list(answers), ended.value.code or 0) == (["state", "scaled"], 0)
-    lines = [f"{name} gains more than chain: {verdict}" for name, verdict in answers.items()]
-    assert capsys.readouterr().out == "\n".join([str(comparison), *lines, ""])
-
-
-def test_a_family_is_corrected_for_its_questions():
-    returns = {"scratch": column(0, 10), **{name: column(k + 1, 10) for k, name in enumerate("ab")}}
-    questions = {name: ["scratch"] for name in "ab"}
-    verdicts = verdicts_of(returns, questions)
-    p = [verdict.p for verdict in verdicts.values()]
-    assert p == [2**-9, 2**-9]
-    assert [verdict.adjusted_p for verdict in verdicts.values()] == holm(p).tolist()
 
 
 @pytest.mark.parametrize(
@@ -213,23 +196,22 @@ def test_questions_that_make_no_sense(returns, rivals, message):
 @pytest.mark.parametrize("arms", [1, 2, 3, 4, 7])
 def test_with_as_many_seeds_as_needed_and_no_fewer_there_is_a_verdict(arms):
     """The clearest results that there can be: every arm is ahead in every seed."""
+    assert seeds_needed(100_000) <= 25
+    with pytest.raises(SettingError, match="questions must be a whole number, at least 1: got 0"):
+        seeds_needed(0)
     needed = seeds_needed(arms)
     for seeds in range(1, needed + 2):
         rows = {f"arm {n}": column(9 + n, seeds) for n in range(arms)}
         rivals = dict.fromkeys(rows, ("scratch",))
         verdicts = verdicts_of({"scratch": column(0, seeds), **rows}, rivals)
         answers = {verdict.against_scratch for verdict in verdicts.values()}
+        p = [verdict.p for verdict in verdicts.values()]
+        assert [verdict.adjusted_p for verdict in verdicts.values()] == holm(p).tolist()
         if seeds >= needed:
             assert answers == {"pays"}
         else:
             assert answers == {f"too few seeds for a verdict ({seeds}; {needed} or more)"}
             assert min(verdict.adjusted_p for verdict in verdicts.values()) >= SIGNIFICANT
-
-
-def test_any_number_of_arms_has_a_number_of_seeds():
-    assert seeds_needed(100_000) <= 25
-    with pytest.raises(SettingError, match="questions must be a whole number, at least 1: got 0"):
-        seeds_needed(0)
 
 
 # -- arms that fail ----------------------------------------------------------------------------
@@ -253,6 +235,8 @@ BROKEN = CurriculumError("a rule: a value, a place")
 
 @pytest.mark.parametrize("error", [BROKEN, ZeroDivisionError("division by zero")])
 def test_an_arm_that_fails_is_reported_and_the_others_stand(error):
+    with pytest.raises(CurriculumError, match="a rule: a value, a place"):  # an error of all arms
+        compare({name: corner(aggregate=failing(BROKEN)) for name in ("one", "two")}, seeds=2)
     arms = {"good": corner(), "bad": corner(aggregate=failing(error)), "too": corner()}
     named = []
     comparison = compare(arms, seeds=2, controls=["placebo"], progress=named.append)
@@ -274,12 +258,6 @@ def test_a_control_that_fails_is_left_out(monkeypatch):
     assert list(comparison.arms) == ["scratch", "transfer", "transfer, pretraining"]
     assert comparison.failed == {"transfer, placebo": BROKEN}
     assert comparison.control_verdicts["transfer"].rivals == 1
-
-
-def test_an_error_of_all_arms_is_raised():
-    arms = {name: corner(aggregate=failing(BROKEN)) for name in ("one", "two")}
-    with pytest.raises(CurriculumError, match="a rule: a value, a place"):
-        compare(arms, seeds=2)
 
 
 NOISE = 0.1 * np.random.default_rng(5).permutation(12)
@@ -341,35 +319,11 @@ def test_a_placebo_or_a_constant_alone_does_not_tell_knowledge_from_optimism(con
     assert "Not known" not in str(controlled(10.0, 3.0, placebo=3.0))
 
 
-def test_other_controls_do_not_decide():
+def test_other_controls_do_not_decide_but_a_placebo_outside_the_portfolio_does():
     """A source that is the target itself knows the task."""
-    beside = {"mean, pretraining": flat(20.0 + NOISE, "mean")}
-    arms = controlled(10.0, 4.0, placebo=4.0).arms | beside
-    other = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
-    assert other.control_verdicts["mean"].rival == "mean, pretraining"
-    assert other.contrasts["mean"].reason == "by what it knows"
-
-
-def test_a_placebo_outside_the_portfolio_decides_too():
-    beside = {"mean, placebo, alone": flat(12.0 + NOISE, "mean")}
-    arms = controlled(10.0, 4.0, placebo=4.0).arms | beside
-    other = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
-    assert other.reasons["mean"].why == "placebo"
-    assert other.knowledge_verdicts["mean"].rival == "mean, placebo, alone"
-
-
-def test_too_few_seeds_show_nothing():
-    few = controlled(10.0, 10.0)
-    five = {
-        name: replace(arm, curve=Curve(arm.curve.steps, arm.curve.values[:5]))
-        for name, arm in few.arms.items()
-    }
-    comparison = Comparison("maze", five, 10, 10, Reference(0.5), 1)
-    assert comparison.contrasts["mean"].answer == "too few seeds for a verdict (5; 6 or more)"
-
-
-def test_the_verdict_is_the_same_whether_or_not_the_reason_is_asked():
-    """p values of both halves are of families of their own."""
-    plain, asked = controlled(0.3, None), controlled(0.3, None, placebo=9.0)
-    verdict, other = (comparison.contrasts["mean"] for comparison in (plain, asked))
-    assert (verdict.verdict, verdict.adjusted_p) == (other.verdict, other.adjusted_p)
+    for control, height, why in (("pretraining", 20.0, ""), ("placebo, alone", 12.0, "placebo")):
+        name = f"mean, {control}"
+        arms = controlled(10.0, 4.0, placebo=4.0).arms | {name: flat(height + NOISE, "mean")}
+        other = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
+        assert other.control_verdicts["mean"].rival == name
+        assert other.reasons["mean"].why == (why or "known")

@@ -16,12 +16,7 @@ from curricle.comparison.measures import Arm, Reference
 from curricle.errors import SettingError, TaskError
 from curricle.learning.result import ends_of
 from curricle.pictures.views import GridView
-from curricle.show.plots import (
-    draw_comparison,
-    draw_learning_curves,
-    draw_potential,
-    plot,
-)
+from curricle.show.plots import draw_comparison, draw_learning_curves, draw_potential, plot
 from curricle.show.style import digits_of, return_scale
 from curricle.statistics.curves import Curve
 from curricle.statistics.intervals import extremes
@@ -171,13 +166,22 @@ def test_a_picture_is_written_the_same_each_time(tmp_path, trained, suffix):
     assert len(first) > 5_000
 
 
-def test_what_cannot_be_drawn_is_refused_and_nothing_written(tmp_path):
+def test_what_cannot_be_drawn_is_refused_and_nothing_written(tmp_path, hunt):
     for path in (tmp_path / "hunt.bmp", tmp_path / "nowhere" / "hunt.png", 7):
         with pytest.raises(SettingError, match=r"end in .png|a folder that exists|a path: got 7"):
             plot("no subject", path)
     with pytest.raises(SettingError, match=r"must be a Comparison, Trial, .*: got 7"):
         plot(7, tmp_path / "hunt.png")
     assert os.listdir(tmp_path) == []
+    for values in (np.zeros(4), [0.0, np.nan, 0.0], "no numbers"):
+        with pytest.raises(SettingError, match=r"got \(4,\)|entry \(1,\) is nan|array of numbers"):
+            draw_potential(Figure().subplots(), cr.GridWorld("S.T"), values, label="")
+    all_fixed = {"prey": 0, "predator_1": 0, "predator_2": 0}
+    for at in (None, {"wolf": 0}, [("prey", 0)], all_fixed):
+        with pytest.raises(SettingError, match=r"leaves|got 'wolf'|be a Mapping"):
+            GridView.of(hunt, at)
+    with pytest.raises(TaskError, match=r"prey runs from \(0,0\) to \(2,2\): got '\(1,3\)'"):
+        GridView.of(hunt, {"prey": (1, 3), "predator_1": 0})
 
 
 def test_what_was_learnt_is_plotted(tmp_path, finished):
@@ -230,15 +234,6 @@ def test_a_view_of_a_pursuit_is_one_predator_s_cell(hunt):
     assert both.cells[both.ended].tolist() == [[1, 2]]
 
 
-def test_what_makes_no_grid_is_refused(hunt):
-    all_fixed = {"prey": 0, "predator_1": 0, "predator_2": 0}
-    for at in (None, {"wolf": 0}, [("prey", 0)], all_fixed):
-        with pytest.raises(SettingError, match=r"leaves|got 'wolf'|be a Mapping"):
-            GridView.of(hunt, at)
-    with pytest.raises(TaskError, match=r"prey runs from \(0,0\) to \(2,2\): got '\(1,3\)'"):
-        GridView.of(hunt, {"prey": (1, 3), "predator_1": 0})
-
-
 def test_a_maze_s_values_lie_in_their_cells():
     maze = cr.GridWorld(["S#T", "..."], origin=(2, 1))
     values = np.array([[1.0, 4.0, 0.0, 2.0], [9.0] * 4, [3.0] * 4, [5.0] * 4, [6.0] * 4])
@@ -276,12 +271,6 @@ def test_limits_are_of_what_is_shown(hunt, prey, limits):
     values, at = hunt.states.decode()["prey"].astype(float), {"prey": prey, "predator_1": 1}
     image = draw_potential(Figure().subplots(), hunt, values, label="", at=at, bar=False)
     assert image.get_clim() == limits
-
-
-@pytest.mark.parametrize("values", [np.zeros(4), [0.0, np.nan, 0.0], "no numbers"])
-def test_values_that_are_none_of_the_task_are_refused(values):
-    with pytest.raises(SettingError, match=r"got \(4,\)|entry \(1,\) is nan|array of numbers"):
-        draw_potential(Figure().subplots(), cr.GridWorld("S.T"), values, label="")
 
 
 @pytest.mark.parametrize(

@@ -113,11 +113,15 @@ def test_a_forest_keeps_order_and_stays_on_its_axis(gains):
     assert all(low <= middle <= high for low, middle, high in places.values())
 
 
+def constant(height):
+    opponent = line(height, curriculum="good")
+    return replace(opponent, scratch=True, initial_values=np.full(8, 30.0))
+
+
 def asked(height):
     """A comparison of a curriculum with a placebo that gains `height` and a useless constant."""
-    placebo, constant = line(height, 20, curriculum="good"), line(-1, curriculum="good")
-    constant = replace(constant, scratch=True, initial_values=np.full(8, 30.0))
-    beside = {"good, placebo": placebo, "good, constant mean": constant}
+    placebo = line(height, 20, curriculum="good")
+    beside = {"good, placebo": placebo, "good, constant mean": constant(-1)}
     return compared(good=line(10, 20), **beside)
 
 
@@ -130,12 +134,7 @@ def test_why_a_curriculum_pays_is_part_of_its_verdict_and_of_the_headline():
         assert findings(result)[0].verdict == f"pays, {reason}"
         assert findings(result)[0].tone == "pays"
         assert headline(result).endswith(f"over 8 seeds. It pays {reason}.")
-
-
-def test_the_headline_names_the_best_opponent():
-    constant = replace(line(2, curriculum="good"), scratch=True, initial_values=np.full(8, 30.0))
-    result = compared(good=line(10, 20), **{"good, constant mean": constant})
-    assert "against the best opponent, good, constant mean, source steps counted" in headline(
-        result
-    )
-    assert len(findings(result)) == 1
+    best = compared(good=line(10, 20), **{"good, constant mean": constant(2)})
+    against = "against the best opponent, good, constant mean, source steps counted"
+    assert against in headline(best)
+    assert len(findings(best)) == 1

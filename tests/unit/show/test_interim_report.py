@@ -108,11 +108,18 @@ def test_an_error_is_said_once_and_the_last_page_stays(live, monkeypatch):
     assert "2 of 16" in live.banner[0]
 
 
-def test_a_page_that_cannot_be_written_is_told(live):
+def test_a_page_that_cannot_be_written_is_told_and_without_curricula_there_is_none(live):
+    arms = StudyResults(live.finished).record.arms
+    names = [name for name, arm in arms.items() if not (arm.scratch or arm.control_of)]
     live.path.mkdir()
     live.refresh("0 of 16 units")
     (complaint,) = live.said
     assert "cannot be written" in complaint
+    live.path.rmdir()
+    live.fail(*names)
+    live.store("scratch", "maze")
+    live.refresh("2 of 16 units")
+    assert f"There is no report: {listed(names)} failed. curricle show says" in live.banner[0]
 
 
 def test_a_study_without_scratch_has_no_report(live):
@@ -120,15 +127,6 @@ def test_a_study_without_scratch_has_no_report(live):
     live.store("chain", "corner")
     live.refresh("2 of 16 units")
     assert "There is no report: " in live.banner[0]
-
-
-def test_a_study_whose_curricula_have_all_failed_has_no_report(live):
-    arms = StudyResults(live.finished).record.arms
-    names = [name for name, arm in arms.items() if not (arm.scratch or arm.control_of)]
-    live.fail(*names)
-    live.store("scratch", "maze")
-    live.refresh("2 of 16 units")
-    assert f"There is no report: {listed(names)} failed. curricle show says" in live.banner[0]
 
 
 def results(total=9, failed=(), learners=(), **seeds):
