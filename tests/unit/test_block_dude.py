@@ -11,9 +11,6 @@ from curricle.tasks import goal_distance
 WEST, EAST, UP, PICK_UP, PUT_DOWN = range(5)
 
 
-# -- BURLAP's levels -------------------------------------------------------------------------------
-
-
 # Walls (first y, last y, x), floors (first x, last x, y), bricks, agent (x, y, dir), exit, blocks.
 BURLAP = {
     1: ((), ((0, 24, 0),), ((3, 1), (3, 2), (7, 1), (11, 1), (11, 2)),
@@ -115,9 +112,6 @@ def test_levels_agree_with_a_search_by_burlap_s_rules(number, reached, moves):
     # -1 a step: V = -(1 - 0.99^n) / (1 - 0.99).
     expected = -(1 - 0.99**moves) / 0.01
     assert solve(task).values[0] == pytest.approx(expected, rel=1e-7)
-
-
-# -- parts -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("level", [1, 3])

@@ -102,8 +102,6 @@ def test_exact_things_are_refused_in_words():
         cr.learn(ring(), budget=10, evaluation=cr.GreedyEvaluation("exact"))
 
 
-# -- what functions and environments return is checked at every step of every loop -----------------
-
 NAN, INF = float("nan"), float("inf")
 OFF = cr.GreedyEvaluation("off")
 

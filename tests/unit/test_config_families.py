@@ -173,8 +173,6 @@ def test_a_crop_of_what_is_no_maze_is_refused(read):
         _ = read(text).curricula
 
 
-# -- start states ----------------------------------------------------------------------
-
 STARTS = """\
 name = "starts"
 seeds = 2

@@ -20,9 +20,6 @@ def rates(curricula, task="maze"):
     }
 
 
-# -- arms --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "written",
     [

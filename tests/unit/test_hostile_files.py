@@ -162,9 +162,6 @@ def test_a_forecast_that_would_take_too_long_is_not_begun(text, target, most, ca
     assert f"no forecast: to examine its sources and {target} could take" in out
 
 
-# -- what a file or a folder names -----------------------------------------------------------------
-
-
 def test_pythons_own_library_is_refused(tmp_path, monkeypatch):
     made = tmp_path / "made"
     task = f"type = 'factory', factory = 'os:system', arguments = {{ command = 'touch {made}' }}"
@@ -237,9 +234,6 @@ def test_a_folder_that_is_moved_while_a_run_writes_ends_it(stored, why, tmp_path
     assert not folder.exists()
 
 
-# -- sizes -----------------------------------------------------------------------------------------
-
-
 def test_a_file_of_holes_is_not_read(tmp_path):
     path, size = tmp_path / "unit.npz", 2**28
     with zipfile.ZipFile(path, "w") as archive:
@@ -263,9 +257,6 @@ def test_headers_of_arrays_that_make_no_sense_are_refused():
         content = b"\x93NUMPY\x01\x00" + length + header.encode() + bytes(8)
         with pytest.raises(ValueError, match=r"its arrays|must be valid|does not fill"):
             read_npy(io.BytesIO(content), len(content))
-
-
-# -- messages --------------------------------------------------------------------------------------
 
 
 def test_messages_are_one_sentence_that_ends_with_its_end():

@@ -231,7 +231,7 @@ def test_the_time_left_is_that_at_the_pace_so_far_and_stands_below_the_bars():
         clock.now += 0.1
         pace.note(Progress(every, unit))
     assert pace.line() == "800 of 1,000 units, 1 worker, 0:00:20 left"
-    console = Console(record=True, force_terminal=True, width=40, file=io.StringIO())
+    console = Console(record=True, force_terminal=True, width=80, file=io.StringIO())
     with Screen(console, pace.line) as screen:
         Bars(screen).bar("scratch: maze", 4)
     *_, last = console.export_text().strip().splitlines()

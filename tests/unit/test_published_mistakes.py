@@ -21,9 +21,6 @@ def one_step_task(reward=8.0):
     )
 
 
-# -- ends of episodes ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kind", LEARNERS)
 def test_nothing_is_bootstrapped_through_a_terminal_state(kind):
     learner = kind(learning_rate=1.0, initial_value=1000.0)
@@ -52,9 +49,6 @@ def test_a_cut_episode_keeps_the_potential_of_its_last_state():
     assert result.values[0, 0, 0] == pytest.approx(100.0)
 
 
-# -- terminal rows and unmapped pairs ------------------------------------------------------------
-
-
 @pytest.mark.parametrize("way", [*SHAPINGS, cr.StateShaping])
 def test_a_potential_never_reaches_terminal_rows(way):
     maze = small_maze()
@@ -71,9 +65,6 @@ def test_a_state_potential_is_zero_in_terminal_states_in_every_frame():
     assert (phi.values[:, ~maze.mdp.terminal] == 50.0).all()
 
 
-# -- tables that change behind one's back --------------------------------------------------------
-
-
 def test_training_the_target_leaves_the_source_as_it_was():
     maze = small_maze()
     curriculum = cr.Curriculum(
@@ -87,12 +78,6 @@ def test_training_the_target_leaves_the_source_as_it_was():
     assert not np.shares_memory(result["source"].values, result["target"].values)
 
 
-# -- choices -------------------------------------------------------------------------------------
-
-
-# -- numbers -------------------------------------------------------------------------------------
-
-
 def test_the_discount_has_one_owner():
     consumers = [
         *LEARNERS, cr.learn, cr.solve, cr.evaluate, cr.StatePotential, cr.StateActionPotential,
@@ -101,9 +86,6 @@ def test_the_discount_has_one_owner():
     ]  # fmt: skip
     for consumer in consumers:
         assert not {"discount", "gamma"} & set(inspect.signature(consumer).parameters), consumer
-
-
-# -- seeds ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", LEARNERS)

@@ -69,8 +69,6 @@ def test_td_errors_are_those_of_the_values_at_the_time():
         np.testing.assert_array_equal(episode.td_errors, [first, second])
 
 
-# -- formulas --------------------------------------------------------------------------------------
-
 N_TASKS = 4
 CASES = [(seed, n) for seed in range(4) for n in (0, 1, 2, 3, 8, 60)]
 

@@ -100,9 +100,6 @@ def stale(unit, why, seeds="0-1"):
     return f"{unit}, seeds {seeds}, is stale and trained again: {why}"
 
 
-# -- code --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("module", "of_source", "units"),
     [
@@ -178,8 +175,6 @@ def test_code_that_changes_during_a_run_is_refused_by_a_worker_that_starts_then(
     with pytest.raises(ConfigError, match=r"aggregates.py must not change during a run"):
         arms_from_json(config, str(copy), code)
 
-
-# -- arms, seeds, settings ---------------------------------------------------------------------
 
 MORE = '\n[arms.state]\nshaping = "StateShaping"\n'
 COSTLIER = "\n[arms.long_source]\ntasks.short.budget = 500\n"

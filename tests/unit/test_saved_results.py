@@ -31,9 +31,6 @@ def trained():
     return plan().train(seeds=2)
 
 
-# -- one task ----------------------------------------------------------------------------------
-
-
 def test_folders_are_made_and_the_ending_is_added(tmp_path, learnt):
     file = learnt.save(tmp_path / "new" / "maze.v2")
     assert file == tmp_path / "new" / "maze.v2.npz"
@@ -151,9 +148,6 @@ def test_another_task_is_refused(tmp_path, learnt):
             load(file, CORNER)
 
 
-# -- curricula ---------------------------------------------------------------------------------
-
-
 def same(result, other):
     """Assert that two results of curricula are equal in all that they say."""
     assert [*result.nodes] == [*other.nodes]
@@ -207,9 +201,6 @@ def test_another_curriculum_is_refused(tmp_path, trained):
         with pytest.raises(StoreError, match="is not as save") as refusal:
             CurriculumResult.load(file, plan())
         assert "\n" not in str(refusal.value)
-
-
-# -- data frames -------------------------------------------------------------------------------
 
 
 def test_a_frame_has_a_row_for_each_checkpoint_up_to_a_seeds_end(learnt):

@@ -127,8 +127,6 @@ def test_controls_of_a_study_are_those_of_compare(tmp_path):
         read_record(StudyRecord, record)
 
 
-# -- in a comparison -------------------------------------------------------------------------------
-
 FAST = QLearning(learning_rate=0.5)
 
 

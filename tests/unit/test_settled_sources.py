@@ -24,9 +24,6 @@ def plan(**settings):
     return cr.Curriculum(TASKS, [EDGE], **settings)
 
 
-# -- what the rule measures ------------------------------------------------------------------------
-
-
 def test_the_rise_by_hand_and_what_is_no_evidence_of_one():
     greedy = np.array([0.0] * 20 + [1.0] * 81)
     assert share_of_rise(greedy, 100) == 0.0
@@ -126,9 +123,6 @@ def test_the_verdict_names_sources_that_did_not_learn(read, tmp_path):
     assert unlearnt(learnt, "transfer") == ""
 
 
-# -- sources ---------------------------------------------------------------------------------------
-
-
 def test_nothing_set_a_source_ends_when_it_has_learnt():
     curriculum = plan()
     assert curriculum.node("corner").budget == cr.StoppingRule(10_000, settled=SETTLED)
@@ -203,9 +197,6 @@ def test_a_study_file_has_the_rule_and_the_defaults_of_a_curriculum(read):
     assert arm.node("corner").eval_freq == by_hand.node("corner").eval_freq
     with pytest.raises(ConfigError, match=r"maze\.eval_freq.*must not exceed the budget of 100000"):
         read(STUDY, set=["tasks.maze.eval_freq=100_001"]).curriculum("transfer")
-
-
-# -- what the way to the optimum is measured by ----------------------------------------------------
 
 
 def late_reward(limit):

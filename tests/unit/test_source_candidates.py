@@ -49,9 +49,6 @@ def chain(n=8, slip=0.2, **settings):
     )
 
 
-# -- members of a family -------------------------------------------------------------------------
-
-
 def test_members_are_those_that_are_easier_with_the_familys_mappings():
     target = cr.tasks.pursuit_family(size=3, predators=2)
     candidates = only("member", target)
@@ -70,9 +67,6 @@ def test_members_are_those_that_are_easier_with_the_familys_mappings():
         source_candidates(cr.tasks.pursuit_family(size=10, predators=2))
 
 
-# -- crops ---------------------------------------------------------------------------------------
-
-
 def test_a_target_is_cropped_around_its_goal():
     candidates = only("crop", MAZE)
     (treasure,) = [(row, column) for name, row, column in MAZE.objects if name == "treasure"]
@@ -87,9 +81,6 @@ def test_a_target_is_cropped_around_its_goal():
     assert names(only("crop", cr.tasks.DeepSea(size=3))) == ["lowest 1 rows", "lowest 2 rows"]
     assert "rows 5..7, columns 5..7" in names(only("crop", cr.tasks.FrozenLake("8x8")))
     assert len(only("crop", cr.tasks.FourRooms(size=9))) > 1
-
-
-# -- what is removed -----------------------------------------------------------------------------
 
 
 def test_hazards_are_removed_together_and_one_by_one():
@@ -121,9 +112,6 @@ def test_penalties_are_rewards_below_those_of_most_steps():
         only("removed", chain())
 
 
-# -- chance, starts, coarser tables -------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "target", [MAZE, chain(), cr.tasks.RiverSwim(size=9), cr.tasks.Taxi(size=3, stands=2)]
 )
@@ -150,12 +138,6 @@ def test_an_end_is_never_merged_with_what_goes_on():
     assert candidate.task.states.names == ("row", "column", "ended")
     assert candidate.task.mdp.terminal.sum() == 1
     assert names(candidates) == ["row, column by 2", "row by 2", "column by 2"]
-
-
-# -- all together --------------------------------------------------------------------------------
-
-
-# -- a user's own, and what is dropped -----------------------------------------------------------
 
 
 def proposed(task, name="mine", target=CORRIDOR, mapping=None):

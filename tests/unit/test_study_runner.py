@@ -48,9 +48,6 @@ def by_hand(study_file, arm):
     return plan.train(study.seeds, charge=True, workers=1)
 
 
-# -- how it is run -----------------------------------------------------------------------------
-
-
 def test_block_and_workers_change_nothing(study_file, finished, tmp_path):
     run_study(read_study(study_file, set=["seeds_per_unit=1"]), tmp_path / "out", workers=3)
     assert_same_results(tmp_path / "out", finished)
@@ -100,9 +97,6 @@ def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-# -- what is trained ---------------------------------------------------------------------------
-
-
 def test_what_arms_share_is_trained_once(study_file, tmp_path):
     begun, study = [], read_study(study_file)
     run_study(study, tmp_path / "out", progress=lambda now: begun.append(now.units))
@@ -141,9 +135,6 @@ def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_pat
     assert (trained["maze"].steps_used < 400).all()
     with pytest.raises(StoreError, match="at one total of steps: "):
         _ = study.comparison
-
-
-# -- a unit ------------------------------------------------------------------------------------
 
 
 def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):

@@ -12,7 +12,7 @@ from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.record import plain
 from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.store import ANALYSIS
-from curricle.study.tuning import TRIALS, effects_of, trial_study
+from curricle.study.tuning import TRIALS, effects_of
 from tests.support.executors import Inline
 from tests.unit.test_config_sweeps import MAZES
 
@@ -61,9 +61,6 @@ def assert_same(folder, tuned):
     assert plain(StudyResults(folder).record) == plain(StudyResults(tuned).record)
 
 
-# -- one outcome -------------------------------------------------------------------------------
-
-
 def test_workers_and_blocks_change_nothing(tuned_file, tuned, tmp_path):
     run_study(read_study(tuned_file, set=["seeds_per_unit=7"]), tmp_path / "out", workers=3)
     assert_same(tmp_path / "out", tuned)
@@ -103,13 +100,10 @@ def test_a_resumed_run_makes_what_a_finished_folder_lacks(
 
 
 def test_another_seed_tries_other_settings(tuned_file):
-    tried = [
-        [
-            variant.values
-            for variant in trial_study(read_study(tuned_file, set=[seed])).variants.values()
-        ]
-        for seed in ("tune.seed=0", "tune.seed=0", "tune.seed=1")
-    ]
+    tried = []
+    for seed in ("tune.seed=0", "tune.seed=0", "tune.seed=1"):
+        trials = read_study(tuned_file, set=[seed]).tune.variants
+        tried.append([trial.values for trial in trials.values()])
     assert tried[0] == tried[1] != tried[2]
 
 
@@ -158,9 +152,6 @@ def test_a_tuned_arm_is_played_in_its_task(tuned_file, tuned, tuning, curricle):
     code, shown, _ = curricle("play", tuned, "--arm", arm, "--study", tuned_file)
     assert code == 0
     assert "return" in shown
-
-
-# -- what it is --------------------------------------------------------------------------------
 
 
 def test_every_arm_has_as_many_trials_and_steps(tuning):
@@ -247,9 +238,6 @@ def test_the_steps_of_trials_are_those_of_the_largest_source(tmp_path):
     assert results.record.total == 1_000 + -(-spent // 10) * 10
 
 
-# -- sweeps ------------------------------------------------------------------------------------
-
-
 def test_main_effects_of_a_sweep_are_means_over_arms(tmp_path):
     (tmp_path / "mazes.toml").write_text(
         f"{MAZES}\n[sweep]\nlearner.learning_rate = [0.1, 0.3]\nunknown_value = [0.0, 1.0]\n"
@@ -265,9 +253,6 @@ def test_main_effects_of_a_sweep_are_means_over_arms(tmp_path):
     alone = levels_of(effects, "scratch", "learner.learning_rate")
     assert [level.text for level in alone] == ["0.1", "0.3"]
     assert not levels_of(effects, "scratch", "unknown_value")
-
-
-# -- refusals ----------------------------------------------------------------------------------
 
 
 def test_a_range_that_a_learner_refuses_is_refused_beforehand(tuned_file, tmp_path):

@@ -321,9 +321,16 @@ def test_a_placebo_or_a_constant_alone_does_not_tell_knowledge_from_optimism(con
 
 def test_other_controls_do_not_decide_but_a_placebo_outside_the_portfolio_does():
     """A source that is the target itself knows the task."""
-    for control, height, why in (("pretraining", 20.0, ""), ("placebo, alone", 12.0, "placebo")):
-        name = f"mean, {control}"
-        arms = controlled(10.0, 4.0, placebo=4.0).arms | {name: flat(height + NOISE, "mean")}
-        other = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
-        assert other.control_verdicts["mean"].rival == name
-        assert other.reasons["mean"].why == (why or "known")
+    with_pretraining, with_placebo = (
+        Comparison(
+            "maze", controlled(10.0, 4.0, placebo=4.0).arms | beside, 10, 10, Reference(0.5), 1
+        )
+        for beside in (
+            {"mean, pretraining": flat(20.0 + NOISE, "mean")},
+            {"mean, placebo, alone": flat(12.0 + NOISE, "mean")},
+        )
+    )
+    assert with_pretraining.control_verdicts["mean"].rival == "mean, pretraining"
+    assert with_pretraining.contrasts["mean"].reason == "by what it knows"
+    assert with_placebo.knowledge_verdicts["mean"].rival == "mean, placebo, alone"
+    assert with_placebo.reasons["mean"].why == "placebo"

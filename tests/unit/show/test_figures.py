@@ -220,9 +220,6 @@ def test_a_dollar_in_a_name_begins_no_formula():
         figure.savefig(io.BytesIO(), format="svg")
 
 
-# -- on grids --------------------------------------------------------------------------------------
-
-
 def test_a_view_of_a_pursuit_is_one_predator_s_cell(hunt):
     shown = GridView.of(hunt, {"prey": (1, 2), "predator_1": 4})
     where = hunt.states.decode(shown.states)

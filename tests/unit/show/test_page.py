@@ -139,9 +139,6 @@ def test_an_arm_without_transfers_has_no_forecast_and_scratch_alone_no_page(maze
         study_page("alone", comparison, {"scratch": maze.results["scratch"]})
 
 
-# -- curves that the script draws: what was measured, no more than is seen -------------------------
-
-
 def data_of(comparison):
     weak, strong = (figure.axes[0] for figure in draw_learning_curves(comparison))
     data = curve_data(comparison, arm_styles(comparison), {"weak": weak, "strong": strong})
@@ -157,9 +154,6 @@ def test_seeds_are_their_returns_over_target_steps(pursuit):
         assert data["seed_steps"] == curve.steps.tolist()
         rows = np.array(arm["seeds"], dtype=float)
         np.testing.assert_allclose(rows, curve.filled(), atol=0.5001 * unit, rtol=0)
-
-
-# -- the curriculum graph --------------------------------------------------------------------------
 
 
 def graphs_of(results):
@@ -220,9 +214,6 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
     place = {(e["source"], e["target"]): e["place"][0] for e in graph["edges"]}["a", "d"]
     (left,) = [card["left"] for card in graph["cards"] if card["name"] == "c"]
     assert not left <= place <= left + CARD
-
-
-# -- certificates ------------------------------------------
 
 
 def test_arms_with_the_same_potential_share_a_certificate(pursuit):

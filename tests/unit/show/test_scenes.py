@@ -81,8 +81,6 @@ def test_text_shows_who_is_where():
         assert to_gymnasium(WALLED).render() is None
 
 
-# -- environments without a layout of their own ----------------------------------------------------
-
 MOVES = ("up", "right", "down", "left")
 
 
