@@ -206,7 +206,7 @@ MUTATIONS = [
         ("tests/unit/test_source_candidates.py::test_another_start_discount_or_time_limit_is_another_task",)),
     Mutation("candidates that are one task count as two", "candidates/candidates.py",
         "partitions = refined(", "return False\n    partitions = refined(",
-        ("tests/unit/test_source_candidates.py::test_a_task_with_two_states_for_one_is_the_same_task",)),
+        ("tests/unit/test_source_candidates.py::test_a_renumbered_target_is_no_candidate",)),
     Mutation("of ties always the first", "planning/greedy.py",
         "skipped = integers(bits * MULTIPLIER, ties)", "skipped = np.uint64(0)",
         ("tests/oracle/test_greedy_actions.py::test_every_tie_is_drawn_equally_often",)),
