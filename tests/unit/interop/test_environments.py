@@ -139,28 +139,13 @@ def test_joint_actions_can_be_given_by_component():
         assert joint.step(action) == apart.step(moves)
 
 
-def test_actions_by_component_need_a_box():
+def test_wrong_values_are_refused():
     moves = Space([Component("x", 2), Component("y", 2)], points=[[0, 1], [1, 0]])
-    task = FiniteMDP.from_dense(
-        np.full((2, 2, 2), 0.5),
-        np.zeros((2, 2)),
-        terminal=[0, 0],
-        start=0,
-        discount=0.5,
-        actions=moves,
-    )
+    settings = {"terminal": [0, 0], "start": 0, "discount": 0.5, "actions": moves}
+    task = FiniteMDP.from_dense(np.full((2, 2, 2), 0.5), np.zeros((2, 2)), **settings)
     with pytest.raises(SettingError, match="every combination"):
         to_gymnasium(task, action="components")
-
-
-def test_wrong_values_are_refused():
-    starts = [
-        {"start": 1},
-        {"state": 2},
-        {"state": -1},
-        {"state": 3},
-    ]
-    for options in starts:
+    for options in ({"start": 1}, {"state": 2}, {"state": -1}, {"state": 3}):
         with pytest.raises(SettingError, match=r"hold only 'state'|not terminal|at least 0"):
             to_gymnasium(GridWorld("S.T")).reset(options=options)
     with pytest.raises(TaskError, match="column runs from 0 to 2: got 9"):

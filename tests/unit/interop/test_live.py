@@ -71,10 +71,9 @@ def test_being_cut_off_is_no_end(learner):
 def test_a_guard_and_a_rollout_see_a_cut_too():
     task = cr.from_gymnasium(Stay, discount=0.5, terminated=False, time_limit=50)
     phi = cr.StateActionPotential(task, [[0.0]])
+    shaping = cr.QInitialisation(phi, portfolio=cr.Portfolio())
     rate = cr.QLearning(learning_rate=1.0)
-    learnt = cr.learn(
-        task, rate, 100, shaping=cr.QInitialisation(phi, portfolio=cr.Portfolio()), evaluation=OFF
-    )
+    learnt = cr.learn(task, rate, 100, shaping=shaping, evaluation=OFF)
     assert learnt.episodes_used[0] == 100
     assert learnt.values[0, 0, 0] == pytest.approx(2.0)
     episode = cr.planning.rollout(task, [0])

@@ -74,15 +74,6 @@ def test_states_are_named_after_what_is_in_the_level():
     assert not task.mdp.terminal[locked].any()
 
 
-def test_actions_that_a_wrapper_changes_have_no_names():
-    class Swapped(gym.ActionWrapper):
-        def action(self, action):
-            return 6 - action
-
-    level = cr.tabulate(lambda: Swapped(gym.make("MiniGrid-Empty-5x5-v0")), discount=0.9)
-    assert level.actions.label(2) == "action=2"
-
-
 def test_the_reward_of_minigrid_itself_is_paid_where_time_is_part_of_the_state():
     timed = cr.tabulate("MiniGrid-Empty-5x5-v0", discount=0.9, state=MiniGridState(own_reward=True))
     # Two steps, a turn and two steps: the goal at the fifth of 100.
