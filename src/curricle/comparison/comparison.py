@@ -114,7 +114,7 @@ def compare(
     arm spends on its sources (or can spend at most, if a source's budget is in episodes). Opponents
     spend the whole total in the target; every other arm spends there the steps that its sources
     leave, seed by seed. A curriculum pays if it gains more than each opponent.
-    An arm that fails is listed in :attr:`Comparison.failed`; an error of scratch, or of all arms,
+    An arm that fails is listed in ``Comparison.failed``; an error of scratch, or of all arms,
     is raised.
 
     Parameters
