@@ -111,24 +111,6 @@ def test_of_many_arms_only_the_line_under_the_pointer_has_a_band(visit):
     assert picture(page) == without
 
 
-def test_a_drag_zooms_and_a_double_click_resets(visit):
-    page = visit("maze")
-    before, box = shown_steps(page), scrolled(page)
-    middle = box["y"] + box["height"] / 2
-    left, right = across(page, 1000), across(page, 2000)
-    for rise in (5, 100):  # of steps alone, and of a rectangle
-        page.mouse.move(left, middle)
-        page.mouse.down()
-        page.mouse.move(right, middle + rise, steps=4)
-        page.mouse.up()
-        low, high = shown_steps(page)
-        assert 900 <= low < high <= 2100
-        assert page.locator("#chart-reset").is_enabled()
-        page.mouse.dblclick(box["x"] + box["width"] / 2, middle)
-        assert shown_steps(page) == before
-        assert page.locator("#chart-reset").is_disabled()
-
-
 def test_the_keyboard_reads_values_and_zooms(visit, studies):
     page, comparison = visit("maze"), studies["maze"][0]
     steps = comparison.scratch.curve.steps

@@ -84,7 +84,6 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
 @pytest.mark.parametrize(
     ("name", "form"),
     [
-        ("FrozenLake-v1", "gymnasium"),
         ("Blackjack-v1", "gymnasium"),
         ("MiniGrid-Empty-5x5-v0", "tabulated"),
         ("CartPole-v1", "observation_task"),

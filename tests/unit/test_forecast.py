@@ -274,13 +274,6 @@ def test_each_candidate_pays_for_its_own_sources_only():
     assert comparison.total == 2700
 
 
-def test_a_trial_is_against_fair_opponents():
-    foreseen = cr.forecast(rooms(), seeds=2)
-    assert foreseen.trial.comparison.best_opponent("mean") == "scratch, OptimisticQLearning"
-    assert foreseen.answer == "likely costs more than it brings"
-    assert " by scratch, OptimisticQLearning; takes " in foreseen.trial.numbers("mean")
-
-
 # -- what it says ----------------------------------------------------------------------------------
 
 

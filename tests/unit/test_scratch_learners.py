@@ -95,20 +95,12 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(tmp_path, text, changes, m
         Arms.of(study(tmp_path, text, changes))
 
 
-def test_a_run_trains_them_and_its_comparison_is_against_the_best(tmp_path):
-    results = run_study(study(tmp_path), tmp_path / "results", workers=1)
-    comparison = results.comparison
-    assert comparison.scratches == NAMES
-    assert list(comparison.contrasts) == ["transfer"]
-    assert comparison.verdicts["transfer"].rivals == 3
-    assert {len(results.results[name]["maze"].steps) for name in NAMES} == {121}
-
-
 def test_controls_of_a_study_are_those_of_compare(tmp_path):
     checked = study(tmp_path, changes=["seeds=7", CONTROLS])
     results = run_study(checked, tmp_path / "out", progress=False)
     stored, compared = results.comparison, cr.compare(checked)
     assert list(stored.arms) == list(compared.arms)
+    assert (stored.scratches, stored.verdicts["transfer"].rivals) == (NAMES, 3)
     assert str(stored) == str(compared)
     for name, arm in compared.arms.items():
         there = stored.arms[name]

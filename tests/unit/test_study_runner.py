@@ -97,22 +97,6 @@ def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_what_arms_share_is_trained_once(study_file, tmp_path):
-    begun, study = [], read_study(study_file)
-    run_study(study, tmp_path / "out", progress=lambda now: begun.append(now.units))
-    trained = sorted((unit.arm, unit.task) for unit in begun[0] if unit.seeds == (0, 1))
-    assert trained == [
-        ("chain", "corner"),  # the same in the arm "state", whose maze alone is learnt otherwise
-        ("chain", "easy"),
-        ("chain", "maze"),
-        ("scaled", "easy"),  # without a source, unlike in the other arms
-        ("scaled", "maze"),
-        ("scratch", "maze"),
-        ("state", "easy"),
-        ("state", "maze"),
-    ]
-
-
 @pytest.mark.parametrize("arm", ["chain", "state", "scaled"])
 def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
     study, trained = StudyResults(finished), by_hand(study_file, arm)

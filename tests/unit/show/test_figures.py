@@ -263,13 +263,6 @@ def test_colours_diverge_around_zero_only_where_there_are_two_sides(
     assert (image.get_clim(), image.get_cmap().name) == (limits, colours)
 
 
-@pytest.mark.parametrize(("prey", "limits"), [(0, (-1, 1)), (8, (7, 9))])
-def test_limits_are_of_what_is_shown(hunt, prey, limits):
-    values, at = hunt.states.decode()["prey"].astype(float), {"prey": prey, "predator_1": 1}
-    image = draw_potential(Figure().subplots(), hunt, values, label="", at=at, bar=False)
-    assert image.get_clim() == limits
-
-
 @pytest.mark.parametrize(
     ("low", "high", "decimals"),
     [(-0.02, 0.01, 3), (0, 0, 1), (-5, 5, 1), (0, 250, 0), (0, 1e-9, 9)],
