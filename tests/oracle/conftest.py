@@ -1,7 +1,7 @@
 """Slow, obvious learners in plain Python: they draw and sum in the order of the compiled loops."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.learning import OptimisticQLearning
 from curricle.learning.schedules import schedule
 from curricle.tasks.kernel import stream_start
 from tests.support import tasks
@@ -166,15 +167,23 @@ class NaiveLearner:
         at_phi = isinstance(self.shaping, cr.QInitialisation | cr.LookAheadAdvice)
         if at_phi and not self.literal:
             start += self.shaping.potential.values
-        start[~mdp.terminal] += self.learner.initial_value
-        start[mdp.random_policy == 0] = -math.inf
         n = 2 if isinstance(self.learner, cr.DoubleQLearning) else 1
-        self.tables = [start.copy() for _ in range(n)]
+        values = [self.learner.initial_value] * n
+        if isinstance(self.learner, OptimisticQLearning):
+            self.highest = self.learner.value_range[1]
+            values.append(self.highest)
+        self.tables = [np.where(mdp.terminal[:, None], start, start + value) for value in values]
+        for q in self.tables:
+            q[mdp.random_policy == 0] = -math.inf
+        if isinstance(self.learner, OptimisticQLearning):
+            self.hoped = self.tables.pop()  # what it acts on
 
     def phi(self, state):
         return self.shaping.potential.values[state].tolist()
 
     def acting(self, state, step):
+        if isinstance(self.learner, OptimisticQLearning):
+            return self.hoped[state].tolist()
         rows = [q[state].tolist() for q in self.tables]
         row = rows[0] if len(rows) == 1 else [0.5 * (x + y) for x, y in zip(*rows, strict=True)]
         if self.literal:
@@ -217,6 +226,9 @@ class NaiveLearner:
                 worth = row[best] + phi[best]
             target += gamma * worth
         q[state, action] += rate * (target - q[state, action])
+        if isinstance(self.learner, OptimisticQLearning):
+            hoped = reward + (0.0 if ended else gamma * min(self.highest, max(shown)))
+            self.hoped[state, action] += rate * (hoped - self.hoped[state, action])
 
     def values(self, step):
         values = np.mean(self.tables, axis=0)
@@ -224,39 +236,6 @@ class NaiveLearner:
             phi = [self.state_potential(state, step) for state in range(len(values))]
             return values + np.array(phi)[:, None]
         return values + self.shaping.potential.values if self.literal else values
-
-
-@dataclass
-class NaiveOptimist:
-    """A learner that starts at a bound of the values and never explores, with Q beside it."""
-
-    task: cr.FiniteMDP
-    bounds: tuple
-    tables: list = field(init=False)
-    before: float = 0.0
-    choice: tuple = ()
-
-    def __post_init__(self):
-        mdp = self.task.mdp
-        shape = mdp.outcome_row.shape
-        self.visits = np.zeros(shape, int)
-        self.tables = [np.where(mdp.terminal[:, None], 0.0, np.full(shape, b)) for b in self.bounds]
-        for q in self.tables:
-            q[mdp.random_policy == 0] = -math.inf
-
-    def acting(self, state, step):
-        return self.tables[1][state].tolist()
-
-    def optimistically(self, state, action, reward, after, ended, horizon):
-        self.visits[state, action] += 1
-        rate = (horizon + 1.0) / (horizon + int(self.visits[state, action]))
-        for q, most in zip(self.tables, (math.inf, self.bounds[1]), strict=True):
-            ahead = 0.0 if ended else min(most, max(q[after].tolist()))
-            target = reward if ended else reward + self.task.mdp.discount * ahead
-            q[state, action] += rate * (target - q[state, action])
-
-    def values(self, step):
-        return self.tables[0]
 
 
 @dataclass
@@ -328,15 +307,21 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
     with these bounds of its values, or the learner without the shaping.
     """
     mdp, several = task.mdp, shaping is not None and shaping.portfolio is not None
+    optimist = isinstance(learner, OptimisticQLearning)
+    if optimist:
+        learner = replace(learner.for_task(task), epsilon=learner.epsilon or 0.0)
     limit, rates = mdp.time_limit or math.inf, schedule(learner.learning_rate)
     portfolio = NaivePortfolio(shaping.portfolio) if several else None
-    other = NaiveOptimist(task, bounds) if bounds else NaiveLearner(task, learner)
+    beside = learner
+    if bounds:
+        beside = OptimisticQLearning(value_range=bounds, initial_value=bounds[0])
+    other = NaiveLearner(task, beside)
     learners = [*[other] * several, NaiveLearner(task, learner, shaping, literal)]
     visits = np.zeros((2, *mdp.outcome_row.shape), int)  # of tables 0 and 1
     start = stream_start(seed, stream)
     draw, ties = random_bits(start), [None, None]
     plain = shaping is None or isinstance(shaping, cr.QInitialisation | cr.LookAheadAdvice)
-    if isinstance(learner, cr.QLearning) and (not several or (bounds and plain)):
+    if optimist or (isinstance(learner, cr.QLearning) and (not several or (bounds and plain))):
         n = len(mdp.start)
         bits = Ties(2 * n, splitmix64(start)).bits
         ties = [Ties(0, 0), Ties(0, 0)]
@@ -348,13 +333,11 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
     while step < steps and ended_episodes < episodes:
         if fresh:
             state, length, total = pick(mdp.start.tolist(), uniform(next(draw))), 0, 0.0
-            for naive in learners:
-                naive.before = 0.0
         if used == 0:
             earned, factor, begin = 0.0, 1.0, state
         acting = portfolio.acting if several else 0
         actor = learners[acting]
-        bold = isinstance(actor, NaiveOptimist)
+        bold = several and isinstance(actor.learner, OptimisticQLearning)
         shown = actor.acting(state, step)
         if fresh or bold or not isinstance(learner, cr.SARSA):
             take = ties[acting] and partial(ties[acting].take, state)
@@ -370,11 +353,12 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
         visits[coin & 1, state, action] += 1
         for naive, tied in zip(learners, ties, strict=False):
             before = naive.acting(state, step)
-            if isinstance(naive, NaiveOptimist):
+            how = rate, coin
+            if several and isinstance(naive.learner, OptimisticQLearning):
                 horizon = portfolio.horizon or float(used + 1)
-                naive.optimistically(state, action, reward, after, ended, horizon)
-            else:
-                naive.learn(state, action, reward, after, ended, step, rate, coin, draw)
+                met = int(visits[:, state, action].sum())
+                how = (horizon + 1.0) / (horizon + met), 0
+            naive.learn(state, action, reward, after, ended, step, *how, draw)
             if tied:
                 tied.update(before, naive.acting(state, step), state, action, bits)
         step, length, total, used = step + 1, length + 1, total + reward, used + 1

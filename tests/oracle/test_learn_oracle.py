@@ -113,9 +113,6 @@ def test_fast_loop_breaks_ties_like_the_naive_learner(rate, seed, naive_learn):
     assert_same(result, naive_learn(maze, learner, 5000, eval_freq=EVERY, seed=seed))
 
 
-# -- literal look-ahead advice -------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("exploration", EXPLORATIONS, ids=["greedy", "softmax"])
 @pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA, cr.ExpectedSARSA])
 @pytest.mark.parametrize("seed", range(4))
@@ -130,9 +127,6 @@ def test_literal_look_ahead_advice_is_look_ahead_advice(
     naive = naive_learn(task, learner, 3000, shaping=shaping, literal=True)
     np.testing.assert_allclose(result.values[0], naive.values, rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(result.training_return[0], naive.training_return)
-
-
-# -- greedy evaluation ---------------------------------------------------------------------------
 
 
 def propagate(task, values, horizon, *, discounted):

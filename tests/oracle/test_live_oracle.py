@@ -3,11 +3,11 @@
 from dataclasses import replace
 from functools import partial
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 import curricle as cr
+from tests.support.worlds_to_tabulate import Written
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 SHAPINGS = [
@@ -21,26 +21,6 @@ ROLLED = cr.GreedyEvaluation("rollouts", episodes=3)
 STEPS, EVERY = 900, 100
 
 
-class TableEnv(gym.Env):
-    """Plays tables that leave nothing to chance."""
-
-    def __init__(self, mdp):
-        self.mdp = mdp
-        self.observation_space = gym.spaces.Discrete(mdp.states.size)
-        self.action_space = gym.spaces.Discrete(mdp.actions.size)
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.state = int(self.mdp.start_states[0])
-        return self.state, {}
-
-    def step(self, action):
-        row = self.mdp.outcome_row[self.state, action]
-        self.state = int(self.mdp.next_state[row, 0])
-        reward = float(self.mdp.reward[row, 0])
-        return self.state, reward, bool(self.mdp.terminal[self.state]), False, {}
-
-
 @pytest.fixture
 def pair(random_mdp):
     """Return tables without chance, and the same played live."""
@@ -48,8 +28,10 @@ def pair(random_mdp):
     def make(seed, **shape):
         drawn = random_mdp(seed, width=1, n_states=12, **shape)
         mdp = replace(drawn, start=np.eye(12)[0])
+        after, reward = (x[mdp.outcome_row, 0] for x in (mdp.next_state, mdp.reward))
+        play = partial(Written, after, reward, mdp.terminal)
         horizon = {"discount": mdp.discount, "time_limit": mdp.time_limit}
-        return mdp, cr.tasks.LiveMDP(mdp.states, mdp.actions, lambda: TableEnv(mdp), **horizon)
+        return mdp, cr.tasks.LiveMDP(mdp.states, mdp.actions, play, **horizon)
 
     return make
 

@@ -226,9 +226,6 @@ except cr.errors.SettingError as error:
     subprocess.run([sys.executable, "-c", program], check=True, timeout=30)
 
 
-# -- numbers computed independently --------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("step", "value"), [(-1.0, 114.6014), (-5.0, -1.1773)])
 def test_maze_optimum(step, value):
     maze = cr.GridWorld(MAZE, rewards=cr.Rewards(step=step))

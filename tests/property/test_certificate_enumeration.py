@@ -92,9 +92,6 @@ def test_look_ahead_on_open_ends_agrees_with_its_literal_operator(mdp, data):
     )
 
 
-# -- F that is nearly that of a potential ----------------------------------------------------------
-
-
 def nearly_shaped(rng):
     """Return an MDP, F of its pairs and next states, and one with exact rewards r + F.
 

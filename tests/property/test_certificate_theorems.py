@@ -60,16 +60,10 @@ def test_f_made_of_a_potential_is_recognised_and_the_potential_found(mdp, data):
     )
 
 
-def difference_table(phi, discount):
-    return np.broadcast_to(
-        discount * phi[None, None, :] - phi[:, None, None], (len(phi), 1, len(phi))
-    )
-
-
 @given(mdps(all_discounts), st.data())
 def test_f_of_more_than_a_potential_does_not_fit(mdp, data):
     phi = mdp.zero_at_ends(states_of(data, mdp))
-    table = np.broadcast_to(difference_table(phi, mdp.discount), mdp.p.shape).copy()
+    table = mdp.discount * phi - phi[:, None, None] + np.zeros(mdp.p.shape)
     possible = np.argwhere(mdp.p[met_states(mdp)] > 0)
     s, a, after = data.draw(st.sampled_from(possible.tolist()))
     table[met_states(mdp)[s], a, after] += 1.0

@@ -14,13 +14,7 @@ import curricle as cr
 from benchmarks.unrelated_pairs import SEARCHED
 from curricle import FiniteMDP, project
 from curricle.planning import solve
-from curricle.transfer import (
-    TaskPair,
-    by_homomorphism,
-    compose,
-    find_mappings,
-    identity,
-)
+from curricle.transfer import TaskPair, by_homomorphism, compose, find_mappings, identity
 from curricle.transfer.bisimulation import (
     equivalent_pairs,
     joint_models,
@@ -194,8 +188,6 @@ def test_a_homomorphism_maps_no_pairs_whose_values_differ():
     assert 0.9 <= tasks.bound(np.array([[0], [1], [UNMAPPED]])) < 0.901
 
 
-# -- that a mapping knows its target ---------------------------------------------------------------
-
 OPERATIONS = {
     "another value": lambda mapping: mapping.with_unmapped_value(-2.0),
     "a copy": copy,
@@ -216,11 +208,7 @@ OPERATIONS = {
 }
 
 
-@given(
-    mdps(),
-    st.lists(st.sampled_from(sorted(OPERATIONS)), max_size=4),
-    st.booleans(),
-)
+@given(mdps(), st.lists(st.sampled_from(sorted(OPERATIONS)), max_size=4), st.booleans())
 def test_what_a_mapping_knows_survives_whatever_is_done_with_it(dense, operations, knows):
     task = dense.task()
     by_name, by_index = project(task, task), identity(task)

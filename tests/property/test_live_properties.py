@@ -4,12 +4,12 @@ import pickle
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.interop.gymnasium import Number, Point, is_discrete, space_of
 from curricle.tasks.spaces import MISSING
+from tests.support.worlds_to_tabulate import Listed
 
 SIZES = st.integers(1, 4)
 LOWS = st.integers(-3, 3)
@@ -75,17 +75,6 @@ def test_bins_are_numpys(edges, data):
     values = bins.states.decode(bins(np.array(observation)))
     expected = [np.digitize(x, bounds[1:-1]) for x, bounds in zip(observation, edges, strict=True)]
     assert [int(value) for value in values.values()] == expected
-
-
-class Listed(FrozenLakeEnv):
-    """An environment that is nothing but its table."""
-
-    def __init__(self, table, start):
-        super().__init__()
-        self.observation_space = spaces.Discrete(len(table))
-        self.action_space = spaces.Discrete(len(table[0]))
-        self.P = dict(enumerate(map(dict, map(enumerate, table))))
-        self.initial_state_distrib = start
 
 
 @st.composite

@@ -109,9 +109,6 @@ def test_a_portfolio_finds_the_optimum_whatever_the_potential(problem, portfolio
     assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(phi, portfolio)
 
 
-# -- who acts --------------------------------------------------------------------------------------
-
-
 def _turns(portfolio, tally, turns, acted):
     """Play turns of given first states, lengths and returns, (E, 5); note who acted."""
     acting = SOURCE

@@ -9,12 +9,7 @@ from hypothesis import assume, given, settings, strategies as st
 
 from curricle import evaluate, solve
 from curricle.candidates import source_candidates
-from curricle.candidates.kinds import (
-    coarser_tables,
-    design_target,
-    likeliest_outcomes,
-    spread,
-)
+from curricle.candidates.kinds import coarser_tables, design_target, likeliest_outcomes, spread
 from curricle.errors import CurriculumError, TaskError
 from curricle.planning import visit_distribution
 from curricle.tasks import frozen_lake_family, maze_family, random_maze
@@ -101,9 +96,6 @@ def test_most_cuts_the_same_list(target):
 @given(st.integers(0, 60))
 def test_spread_keeps_every_item(n):
     assert sorted(spread(range(n))) == list(range(n))
-
-
-# -- oracles -------------------------------------------------------------------------------------
 
 
 @given(mdps(max_states=6))

@@ -4,12 +4,7 @@ import numpy as np
 from hypothesis import example, given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from curricle.statistics import (
-    Curve,
-    asymptotic_performance,
-    mean_return,
-    time_to_threshold,
-)
+from curricle.statistics import Curve, asymptotic_performance, mean_return, time_to_threshold
 from curricle.statistics.curves import Times, charge_source, midpoint, smooth
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test
 
@@ -136,9 +131,6 @@ def some_times(draw):
     seeds = draw(st.integers(1, 10))
     steps = draw(hnp.arrays(np.float64, seeds, elements=st.integers(0, 12).map(float)))
     return Times(steps, draw(hnp.arrays(np.bool_, seeds)))
-
-
-# Two arms
 
 
 @given(ARMS, st.floats(0.01, 100))

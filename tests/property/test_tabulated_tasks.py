@@ -1,14 +1,12 @@
 """Whatever an environment does, its table is the part of its MDP that can be reached."""
 
-import gymnasium as gym
 import numpy as np
-from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from hypothesis import given, settings, strategies as st
 
 import curricle as cr
 from curricle.interop import DeepCopy
 from curricle.tasks.graph import reachable_states
-from tests.support.worlds_to_tabulate import Written
+from tests.support.worlds_to_tabulate import Listed, Written
 
 
 @st.composite
@@ -46,21 +44,13 @@ def test_a_table_is_the_reachable_part(parts, state):
             assert task.mdp.reward[row, 0] == reward[shown[s], a]
 
 
-class Table(FrozenLakeEnv):
-    """An environment of Gymnasium's with another table."""
-
-    def __init__(self, after, reward, terminal):
-        super().__init__()
-        states, actions = after.shape
-        self.observation_space, self.action_space = map(gym.spaces.Discrete, after.shape)
-        self.initial_state_distrib = np.eye(states)[0]
-        self.P = {
-            s: {
-                a: [(1.0, int(after[s, a]), float(reward[s, a]), bool(terminal[after[s, a]]))]
-                for a in range(actions)
-            }
-            for s in range(states)
-        }
+def listed(after, reward, terminal):
+    """Return the table and the start of an environment of Gymnasium's that is these arrays."""
+    rows = [
+        [[(1.0, int(to), float(paid), bool(terminal[to]))] for to, paid in zip(*pair, strict=True)]
+        for pair in zip(after, reward, strict=True)
+    ]
+    return rows, np.eye(len(terminal))[0]
 
 
 @settings(max_examples=25)
@@ -71,7 +61,7 @@ def test_a_step_of_its_own_is_never_ignored(parts, turned, cost):
     n_states, n_actions = after.shape
     turn = (np.arange(n_actions) + turned) % n_actions
 
-    class Own(Table):
+    class Own(Listed):
         def step(self, action):
             observation, earned, *rest = super().step(int(turn[action]))
             return observation, earned + cost, *rest
@@ -81,12 +71,14 @@ def test_a_step_of_its_own_is_never_ignored(parts, turned, cost):
         known = cr.FiniteMDP.from_dense(moves, paid, terminal=terminal, start=0, discount=0.8)
         return cr.solve(known).action_values[0]
 
-    plain = cr.from_gymnasium(lambda: Table(*parts), discount=0.8)
+    plain = cr.from_gymnasium(lambda: Listed(*listed(*parts)), discount=0.8)
     assert isinstance(plain, cr.FiniteMDP)
     np.testing.assert_allclose(
         cr.solve(plain).action_values[0], solved(np.arange(n_actions), 0), atol=1e-8
     )
-    assert isinstance(cr.from_gymnasium(lambda: Own(*parts), discount=0.8), cr.tasks.LiveMDP)
-    task = cr.tabulate(lambda: Own(*parts), discount=0.8)
+    assert isinstance(
+        cr.from_gymnasium(lambda: Own(*listed(*parts)), discount=0.8), cr.tasks.LiveMDP
+    )
+    task = cr.tabulate(lambda: Own(*listed(*parts)), discount=0.8)
     values = cr.solve(task).action_values[np.argmax(task.mdp.start)]
     np.testing.assert_allclose(values, solved(turn, cost), atol=1e-8)

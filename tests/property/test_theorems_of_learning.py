@@ -1,60 +1,28 @@
 """Theorems about learning: every shaping finds the optimum; shaping equals initialisation."""
 
-from fractions import Fraction
+from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from hypothesis.extra.numpy import arrays
 
 import curricle as cr
+from tests.support.enumeration import states_of
 from tests.support.tasks import DenseMDP, mdps, tree
-
-whole = st.integers(-8, 8)
-
-
-def state_potentials(data, mdp, frames=()):
-    phi = data.draw(arrays(np.int64, (*frames, mdp.shape[0]), elements=whole))
-    return np.where(mdp.terminal, 0.0, phi)
-
-
-@given(mdps((0.5, 0.75)), st.data())
-def test_shaping_and_initialisation_make_the_same_updates(mdp, data):
-    """Wiewiora 2003, on any experience whatever, in exact arithmetic."""
-    phi = state_potentials(data, mdp).astype(int).tolist()
-    pairs = st.tuples(*(st.integers(0, n - 1) for n in (*mdp.shape, mdp.shape[0])))
-    gamma, rate = Fraction(mdp.discount), Fraction(1, 3)
-    shaped = [[Fraction(0)] * mdp.shape[1] for _ in phi]
-    warm = [[Fraction(x)] * mdp.shape[1] for x in phi]
-    for s, a, after in data.draw(st.lists(pairs, max_size=30)):
-        if mdp.terminal[s]:
-            continue
-        r = int(mdp.r[s, a, after])
-        extra = gamma * phi[after] - phi[s]
-        for q, f in ((shaped, extra), (warm, 0)):
-            worth = 0 if mdp.terminal[after] else max(q[after])
-            q[s][a] += rate * (r + f + gamma * worth - q[s][a])
-    assert [[q + x for q in row] for row, x in zip(shaped, phi, strict=True)] == warm
 
 
 @pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA, cr.DoubleQLearning])
 @given(mdp=mdps((0.5, 0.75)), data=st.data())
 def test_state_shaping_learns_exactly_what_initialisation_does(kind, mdp, data):
-    # A rate of 1/2 and gamma of 3/4 add 3 bits a step: in 15 steps nothing is rounded, so that
-    # both see the same ties along the same random stream and agree to the last bit.
+    # Wiewiora 2003. A rate of 1/2 and gamma of 3/4 add 3 bits a step: in 15 steps nothing is
+    # rounded, so that both see the same ties along the same random stream, to the last bit.
     task = mdp.task(time_limit=data.draw(st.sampled_from([None, 3])))
-    phi = state_potentials(data, mdp)
+    phi = mdp.zero_at_ends(states_of(data, mdp))
     as_pairs = np.repeat(phi[:, None], mdp.shape[1], axis=1)
     learner, settings = kind(learning_rate=0.5, epsilon=0.25), {"seeds": 4, "workers": 1}
-    shaped = cr.learn(
-        task, learner, 15, shaping=cr.StateShaping(cr.StatePotential(task, phi)), **settings
-    )
-    warm = cr.learn(
-        task,
-        learner,
-        15,
-        shaping=cr.QInitialisation(cr.StateActionPotential(task, as_pairs)),
-        **settings,
+    shaped, warm = (
+        cr.learn(task, learner, 15, shaping=shaping, **settings)
+        for shaping in (cr.StateShaping(phi), cr.QInitialisation(as_pairs))
     )
     np.testing.assert_array_equal(shaped.values, warm.values)
     np.testing.assert_array_equal(shaped.training_return, warm.training_return)
@@ -69,24 +37,25 @@ LEARNT = [
     (cr.Storage(dtype="float32"), ONCE),
     (cr.Storage(kind="sparse"), ONCE),
 ]
+PLAIN, ODD = LEARNT[:3], LEARNT[3:]
 ADDED = [cr.QInitialisation, cr.StateShaping, cr.RewardBonus]
+PAIRS = [*product([None, *ADDED], PLAIN), *product([None, cr.StateShaping], ODD)]
 
 
 @settings(max_examples=200)
 @given(
     mdps((0.0, 0.9, 0.75), max_actions=5),
-    st.sampled_from([None, *ADDED]),
-    st.sampled_from(LEARNT),
+    st.sampled_from(PAIRS),
     st.sampled_from([-1.0, 0.0, 2.0]),
     st.booleans(),
 )
-def test_nothing_added_changes_nothing(mdp, added, learnt, start, zeros):
+def test_nothing_added_changes_nothing(mdp, pair, start, zeros):
     """A shaping without a potential, or with one of zeros, serves the same setting as none.
 
     Whole rewards and equal first values keep rows full of ties; the fast and the general loop and
     all kinds of tables must draw the same among them.
     """
-    task, (storage, setting) = mdp.task(time_limit=7), learnt
+    task, (added, (storage, setting)) = mdp.task(time_limit=7), pair
     learner = cr.QLearning(initial_value=start, **setting)
     nothing = None if added is None else added()
     if added is not None and zeros and storage.kind != "sparse":

@@ -52,9 +52,6 @@ def test_streams_of_different_seeds_are_unrelated():
     assert_frequencies((first[1:] == first[:-1]).astype(int), [0.5, 0.5])
 
 
-# -- convergence ---------------------------------------------------------------------------------
-
-
 def noisy_task():
     """Return 5 states, one of them terminal, 2 actions, 2 outcomes, rewards in [-1, 1]."""
     rng = np.random.default_rng(5)

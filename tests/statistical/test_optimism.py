@@ -10,6 +10,7 @@ import pytest
 import curricle as cr
 from curricle import FiniteMDP, QLearning, Transfer
 from curricle.transfer import StateActionMapping
+from tests.support.tasks import predator_edges
 
 pytestmark = pytest.mark.slow
 
@@ -87,13 +88,9 @@ def test_optimism_does_not_pay(plan, request):
 def test_one_predator_teaches_two_by_what_it_knows():
     """A source and a mapping by hand, against all opponents and placebos."""
     hunt, chase = cr.Pursuit(4, 2), cr.Pursuit(4, 1)
-    edges = [
-        Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
-        for name in hunt.predator_names
-    ]
     plan = cr.Curriculum(
         {"chase": chase, "hunt": hunt},
-        edges,
+        predator_edges(hunt, chase),
         aggregate=cr.minimum,
         budget={"chase": cr.StoppingRule(5_000), "hunt": 50_000},
         learner=QLearning(initial_value=-10.0),

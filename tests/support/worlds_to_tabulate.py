@@ -5,6 +5,7 @@ import random
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 
 
 class Corridor(gym.Env):
@@ -180,3 +181,14 @@ class Written(gym.Env):
     def step(self, action):
         reward, self.now = float(self.reward[self.now, action]), int(self.after[self.now, action])
         return self.now, reward, bool(self.terminal[self.now]), False, {}
+
+
+class Listed(FrozenLakeEnv):
+    """An environment of Gymnasium's that is nothing but its table: outcomes of each pair."""
+
+    def __init__(self, table, start):
+        super().__init__()
+        self.observation_space = spaces.Discrete(len(table))
+        self.action_space = spaces.Discrete(len(table[0]))
+        self.P = dict(enumerate(map(dict, map(enumerate, table))))
+        self.initial_state_distrib = np.asarray(start)

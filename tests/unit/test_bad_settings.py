@@ -36,24 +36,15 @@ SETTINGS = [
         "needs a task with a time limit",
     ),
     (lambda: cr.QLearning(learning_rate=1.5), r"learning_rate .*\[0, 1\]: got 1.5"),
-    (
-        lambda: cr.QLearning(learning_rate=cr.learning.linear(0.5, 2, steps=9)),
-        r"learning_rate .*got 2",
-    ),
+    (lambda: cr.QLearning(learning_rate=cr.learning.linear(0.5, 2, steps=9)), r"rate .*got 2"),
     (lambda: cr.QLearning(epsilon=0.1, inverse_temperature=2.0), "and inverse_temperature=2.0"),
     (lambda: cr.QLearning(initial_value=INF), "finite: got inf"),
     (lambda: cr.learning.linear(1, 0, steps=0), "steps must be positive: got 0"),
     (lambda: ask(shaping=PHI), "shaping must be a Shaping, .* got StateActionPot"),
     (lambda: ask(shaping=cr.QInitialisation(PHI.to_state())), r"phi\(s, a\): got StatePotential"),
     (lambda: ask(shaping=[cr.QInitialisation(PHI)] * 2, seeds=3), "entry per seed, 3: got 2"),
-    (
-        lambda: ask(shaping=cr.QInitialisation(portfolio=cr.Portfolio())),
-        "got a shaping without one",
-    ),
-    (
-        lambda: cr.StateShaping(PHI, portfolio=True),
-        "portfolio of StateShaping must be a Portfolio: got True",
-    ),
+    (lambda: ask(shaping=cr.QInitialisation(portfolio=cr.Portfolio())), "a shaping without one"),
+    (lambda: cr.StateShaping(PHI, portfolio=True), "must be a Portfolio: got True"),
     (lambda: cr.Portfolio(first_turns=1), "first_turns of a portfolio must be a whole number"),
     (lambda: cr.evaluate(cr.GridWorld("S.T", discount=1), [3, 1, 0]), "1 needs .*from state 0"),
     (lambda: rollout(LINE, [1, 1]), r"\(3,\) or \(3, 4\): got \(2,\)"),
@@ -74,10 +65,7 @@ POTENTIALS = [
     (lambda: cr.StatePotential(LINE, [0, -INF, 0]), r"Phi .*entry \(1,\) is -inf"),
     (lambda: cr.StatePotential(LINE, [0, 0, NAN]), r"Phi must be finite: entry \(2,\)"),  # an end
     (lambda: cr.StatePotential(LINE, np.ones((2, 3))), r"2 potentials: got \[0\]"),
-    (
-        lambda: cr.StatePotential(LINE, np.ones((3, 3)), frame_steps=[0, 5, 5]),
-        r"0.*got \[0, 5, 5\]",
-    ),
+    (lambda: cr.StatePotential(LINE, np.ones((3, 3)), frame_steps=[0, 5, 5]), r"got \[0, 5, 5\]"),
 ]
 
 

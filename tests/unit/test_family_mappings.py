@@ -134,9 +134,6 @@ def test_a_function_that_returns_no_mapping_is_refused(returned, said):
     check_refusal(MappingError, lambda: family_mappings(family(length=3), family(length=3)), said)
 
 
-# -- pursuit ---------------------------------------------------------------------------------------
-
-
 def test_two_predators_read_one_as_in_the_paper():
     hunt, chase = pursuit_family(size=3, predators=2), pursuit_family(size=3, predators=1)
     mappings = family_mappings(hunt, chase)
@@ -197,8 +194,6 @@ def test_moves_keep_their_names_where_staying_is_no_move():
     names = [small.task.actions.label(pair % 4) for pair in row[1:]]
     assert names == [hunt.task.actions.label(action) for action in range(1, 5)]
 
-
-# -- the families that come with the library -------------------------------------------------------
 
 RELATIVES = {
     "maze": [{"size": 5}, {"size": 3, "start": "uniform"}, 0.99, 0.99],

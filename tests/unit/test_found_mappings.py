@@ -188,11 +188,7 @@ def searched(**settings):
             lambda: cr.Curriculum({"maze": MAZE, "ring": ring()}, [Transfer("ring", "maze")]),
             "with tables: the source has none; find it",
         ),
-        (
-            CurriculumError,
-            lambda: Transfer("a", "b").potential([[0.0]]),
-            "found when a curriculum is made",
-        ),
+        (CurriculumError, lambda: Transfer("a", "b").potential([[0.0]]), "when a curriculum is"),
     ],
 )
 def test_searches_are_refused_in_one_sentence(error, call, says):
@@ -242,9 +238,7 @@ def test_a_transfer_without_a_mapping_gets_the_best_and_says_so(capsys):
 
 def test_a_source_with_another_goal_is_refused_in_one_sentence():
     other = cr.GridWorld(["T...", "....", "...S"], rewards=cr.Rewards(treasure=-50, step=1))
-    with pytest.raises(
-        MappingError, match=r"the best that is found, .*, regains .*%, leaves .* to accept it"
-    ):
+    with pytest.raises(MappingError, match=r"the best .*, regains .*%, leaves .* to accept it"):
         auto_mapping(MAZE, other)
     with pytest.raises(CurriculumError, match="no mapping for other -> maze: a mapping is used"):
         cr.Curriculum({"maze": MAZE, "other": other}, [Transfer("other", "maze")])

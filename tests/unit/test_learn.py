@@ -13,9 +13,6 @@ def same(result, other):
     return all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
 
 
-# -- budgets and checkpoints ---------------------------------------------------------------------
-
-
 def test_a_budget_of_steps_is_spent_to_the_last_one():
     result = cr.learn(LINE, budget=1234, seeds=3)
     assert result.steps_used.tolist() == [1234] * 3
@@ -48,9 +45,6 @@ def test_the_last_value_stands_after_a_seed_has_spent_its_episodes():
         assert (alone.greedy_return[0] == result.greedy_return[k, taken]).all()
 
 
-# -- evaluation ----------------------------------------------------------------------------------
-
-
 def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
     exact, auto = cr.GreedyEvaluation("exact"), cr.GreedyEvaluation("auto")
     assert same(
@@ -62,9 +56,6 @@ def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
         cr.learn(large, budget=50, eval_freq=50, evaluation=rolled),
         cr.learn(large, budget=50, eval_freq=50, evaluation=auto),
     )
-
-
-# -- potentials ----------------------------------------------------------------------------------
 
 
 def test_each_seed_may_have_its_own_potential():

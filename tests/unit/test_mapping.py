@@ -288,11 +288,11 @@ MAPPINGS = [
     (lambda: project(LINE, END, x="row"), "of the source, column, move, row: got 'x'"),
     (
         lambda: from_function(LINE, END, lambda s, a: ({"row": s["colunm"]}, a)),
-        "of the target's states, row, column: got 'colunm'",
+        "row, column: got 'colunm'",
     ),
     (
         lambda: from_function(LINE, END, lambda s, a: (s, {"move": a["step"]})),
-        "of the target's actions, move: got 'step'",
+        "actions, move: got 'step'",
     ),
     (lambda: from_function(ROW, ROW, lambda s, a: ({"row": s["row"]}, a)), "column: got row"),
     (
@@ -324,10 +324,7 @@ CURRICULA = [
     (lambda: pursuits(budget={"x": 9}), "budget .*chase, hunt: got 'x'"),
     (lambda: Transfer("chase", "hunt", FIRST, scale=np.nan), "chase -> hunt must be finite"),
     (lambda: pursuits().train(trained={"hunt": learn(CHASE, budget=9)}), "'hunt' is Learning"),
-    (
-        lambda: pursuits().train(2, trained={"chase": learn(CHASE, budget=9)}),
-        r"seeds asked for, \(0, 1\): 'chase' has \(0,\)",
-    ),
+    (lambda: pursuits().train(2, trained={"chase": learn(CHASE, budget=9)}), r"'chase' has \(0,\)"),
     (lambda: pursuits().train()["x"], "one of chase, hunt: got 'x'"),
 ]
 

@@ -110,16 +110,6 @@ EYE = np.eye(2)
         (([EYE, -EYE], [0, 0]), "state 0, action 1 sums to -1"),
         (([EYE], [np.nan, 0]), "rewards must be finite"),
         (([0 * EYE], [0, 0]), "needs an available action: state 0 has none"),
-    ],
-)
-def test_bad_matrices_are_named(arguments, message):
-    with pytest.raises(TaskError, match=message):
-        cr.FiniteMDP.from_sparse(*arguments, start=0, discount=0.9)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
         ((EYE, [0, 0], [0, 0], [0, 0]), "a pair must have one row: state 0, action 0 has 2"),
         ((EYE, [0, 0], [0, 2], [0, 0]), r"s_indices must be whole numbers in 0\.\.1"),
         ((EYE, [0, 0], [0, 1], [0]), r"must have shape \(2,\)"),
@@ -128,6 +118,7 @@ def test_bad_matrices_are_named(arguments, message):
         ((EYE[:1], [0], [0], [0]), "state 1 has none"),
     ],
 )
-def test_bad_rows_are_named(arguments, message):
+def test_bad_matrices_and_rows_are_named(arguments, message):
+    make = cr.FiniteMDP.from_sparse if len(arguments) == 2 else cr.FiniteMDP.from_pairs
     with pytest.raises(TaskError, match=message):
-        cr.FiniteMDP.from_pairs(*arguments, start=0, discount=0.9)
+        make(*arguments, start=0, discount=0.9)

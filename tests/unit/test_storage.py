@@ -59,9 +59,6 @@ def both(task, learner, budget=3000, *, dtype="float64", **settings):
     return dense, sparse
 
 
-# -- dense and sparse ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("name", "dtype"), LEARNT)
 @pytest.mark.parametrize("aggregate", [None, *AGGREGATES])
 def test_sparse_and_dense_tables_learn_the_same(name, aggregate, dtype):
@@ -109,9 +106,6 @@ def test_ten_thousand_million_states_are_learnt():
     for met in result.values:
         assert 1000 < len(met.states) <= 2011
         assert 10**10 < met.states.max() < 2500**3
-
-
-# -- memory --------------------------------------------------------------------------------------
 
 
 def limited(rows, **settings):
@@ -243,9 +237,6 @@ def test_wrong_values_are_named():
     check_values(SettingError, Storage, wrong)
 
 
-# -- sparse values -------------------------------------------------------------------------------
-
-
 def test_sparse_values_are_found_by_state():
     met = SparseValues(np.array([2, 5, 9]), np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]))
     assert met.at(5).tolist() == [3, 4]
@@ -266,9 +257,6 @@ def test_as_many_actions_as_can_be_numbered():
     assert most.greedy_return[0, -1] == 1
     with pytest.raises(SettingError, match="at most 32,768 actions: got 32,769"):
         cr.learn(bandit(32_769), budget=10)
-
-
-# -- single precision ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

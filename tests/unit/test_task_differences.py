@@ -36,9 +36,6 @@ def names(task, other):
     return parts
 
 
-# -- the same problem ------------------------------------------------------------------------------
-
-
 def permuted(mdp, seed):
     """Return the same MDP with its outcome rows in another order, and each row's outcomes too."""
     rng = np.random.default_rng(seed)
@@ -99,9 +96,6 @@ def test_random_problems_are_themselves_and_no_other(seed):
     swapped = task.next_state.copy()
     swapped[seed % 6, :2] = swapped[seed % 6, 1::-1]
     assert names(task, replace(task, next_state=swapped)) == ["transitions"]
-
-
-# -- each difference, with values or a place -----------------------------------------------------
 
 
 def test_values_are_told():
@@ -171,9 +165,6 @@ def test_rounding_is_no_difference():
     thirds = [(1 / 3, 1, 0.1 + 0.2), (1 / 3, 2, 0.0), (1 / 3, 0, 0.0)]
     again = [(1 - 2 / 3, 1, 0.3), (1 / 3, 0, 0.0), (1 / 3, 2, 0.0)]
     assert differences(changed((0, 0), thirds), changed((0, 0), again)) == ()
-
-
-# -- tasks without tables ------------------------------------------------------------------------
 
 
 def begin(data, bits):
@@ -252,8 +243,6 @@ def test_what_is_too_large_for_tables_is_compared_by_parameters(monkeypatch):
     assert differences(coin(), coin()) == ()
     assert names(coin(), changed((0, 0), [(0.5, 1, 2.0), (0.5, 2, -3.0)])) == ["reward"]
 
-
-# -- summaries, by which two stored studies are compared -------------------------------------------
 
 ROOMS = GridWorld(["S..P", ".#..", "..FT"], time_limit=40)
 

@@ -90,9 +90,6 @@ def test_the_taxi_is_that_of_gymnasium(taxi, theirs):
     assert taxi.time_limit == gym.spec("Taxi-v4").max_episode_steps
 
 
-# -- relatives that Gymnasium lacks --------------------------------------------------------------
-
-
 def test_a_part_of_a_lake_is_the_lake_there():
     whole = cr.tasks.FrozenLake("8x8", slippery=False)
     part = whole.crop(rows=(3, 8), columns=(2, 8))
@@ -149,9 +146,7 @@ LAKE, WALK = cr.tasks.FrozenLake(["SFHF", "FHHG"], origin=(3, 8)), cr.tasks.Clif
 @pytest.mark.parametrize(
     ("task", "start", "expected"),
     [
-        (LAKE, "uniform", [0, 1, 3, 4]),
         (LAKE, [(4, 8), (3, 8)], [0, 4]),
-        (LAKE, "map", [0]),
         (WALK, "map", [8]),
         (WALK, "uniform", [*range(9)]),
         (WALK, [(2, 11)], [7]),

@@ -9,11 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
-from gymnasium.wrappers import (
-    FlattenObservation,
-    FrameStackObservation,
-    TransformObservation,
-)
+from gymnasium.wrappers import FlattenObservation, FrameStackObservation, TransformObservation
 
 import curricle as cr
 from curricle.errors import TaskError

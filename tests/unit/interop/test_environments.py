@@ -29,9 +29,6 @@ def going_on(task):
     return range(task.states.size) if terminal is None else np.flatnonzero(~terminal).tolist()
 
 
-# -- the contract ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("form", ["index", "components"])
 @pytest.mark.parametrize("name", IDS)
 def test_registered_ids_pass_gymnasiums_checks(name, form):
@@ -67,9 +64,6 @@ def test_registering_imports_nothing_heavy():
         "sys.exit(bool({'numba', 'PIL', 'matplotlib'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-# -- episodes ----------------------------------------------------------------------------------
 
 
 def test_ends_are_told_apart_and_the_tasks_own_limit_is_the_only_one():
@@ -109,9 +103,6 @@ def test_a_step_needs_an_episode():
         environment.step(EAST)
     with pytest.raises(SettingError, match="first reset"):
         _ = to_gymnasium(GridWorld("ST")).state
-
-
-# -- forms -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", TASKS)
