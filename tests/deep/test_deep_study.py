@@ -133,7 +133,7 @@ def test_networks_are_plain_arrays(whole):
 
 @pytest.fixture
 def one_arm(tmp_path):
-    """One arm of the study as a file, and what its units hold in the whole one."""
+    """One arm of the study as a file."""
     file = tmp_path / "chain.toml"
     file.write_text(ONE_ARM)
     return file
@@ -171,9 +171,6 @@ def test_a_unit_killed_within_a_network_is_trained_again_whole(
     monkeypatch.setattr(models.Recorder, "reach", reach)
     run_study(read_study(one_arm), folder, resume=True)
     assert_some_of(whole, units(folder))
-
-
-# -- what comes before and after ---------------------------------------------------------------
 
 
 def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):

@@ -178,21 +178,16 @@ def learn_off(task, chosen, shaping):
     return cr.deep.learn_deep(task, chosen, 128, shaping=shaping, evaluation=off)
 
 
-def test_weights_are_not_copied_into_layers_of_another_kind():
+def test_weights_of_other_layers_and_a_pull_of_an_unknown_policy_are_refused():
     task = cr.observation_task("CartPole-v1")
-    network = NetworkValues(model_for(task, learner()).policy)
+    network = source(task, NetworkValues(model_for(task, learner()).policy))
     kwargs = {"net_arch": [8], "activation_fn": torch.nn.ReLU}
-    target = cr.deep.DeepLearner("PPO", settings={"policy_kwargs": kwargs})
-    with pytest.raises(cr.errors.SettingError, match=r"is Tanh in the source and ReLU in the"):
-        model_for(task, target, cr.deep.WeightTransfer(source(task, network)))
-
-
-def test_a_pull_of_an_unknown_policy_is_refused():
-    task = cr.observation_task("CartPole-v1")
-    unknown = cr.deep.DeepLearner("PPO", "MlpPolcy")
-    network = NetworkValues(model_for(task, learner()).policy)
-    with pytest.raises(cr.errors.SettingError, match=r"must be one of .*: got 'MlpPolcy'"):
-        model_for(task, unknown, cr.deep.WeightTransfer(source(task, network), kl=0.1))
+    for target, kl, says in (
+        (cr.deep.DeepLearner("PPO", settings={"policy_kwargs": kwargs}), 0.0, "Tanh in the source"),
+        (cr.deep.DeepLearner("PPO", "MlpPolcy"), 0.1, r"must be one of .*: got 'MlpPolcy'"),
+    ):
+        with pytest.raises(cr.errors.SettingError, match=says):
+            model_for(task, target, cr.deep.WeightTransfer(network, kl=kl))
 
 
 class Parts(gymnasium.Env):

@@ -18,12 +18,10 @@ from curricle.deep.networks import NetworkValues, acting
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.transfer.rollouts import Environments, mean_episode_return
 
-from .worlds import one_hot, table_potential
+from .worlds import ACTOR as PPO, MAZE, one_hot, table_potential
 
-MAZE = cr.GridWorld(["..T", ".#.", "S.."], time_limit=30, rewards=cr.Rewards(treasure=10))
 QUICK = {"learning_starts": 20, "train_freq": 4, "policy_kwargs": {"net_arch": [16]}}
 DQN = cr.deep.DeepLearner("DQN", settings={**QUICK, "learning_rate": 1e-3})
-PPO = cr.deep.DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [16]}})
 
 
 @pytest.fixture(scope="module")
@@ -191,10 +189,7 @@ def test_episodes_are_counted_in_several_environments(observed, episodes, envs):
     ("arguments", "message"),
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
-        (
-            {"shaping": cr.StateShaping(portfolio=cr.Portfolio())},
-            "a portfolio is for learners with tables",
-        ),
+        ({"shaping": cr.StateShaping(portfolio=cr.Portfolio())}, "portfolio is for learners with"),
         ({"evaluation": cr.GreedyEvaluation("exact")}, "since an exact evaluation needs tables"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),

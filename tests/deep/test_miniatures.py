@@ -44,17 +44,8 @@ class Room(gymnasium.Env):
         return np.zeros(2, np.float32) if self.blind else way.astype(np.float32)
 
 
-def save(env):
-    here = env.unwrapped
-    return (*here.place.tolist(), *here.goal.tolist())
-
-
-def room(size=4, **settings):
-    return cr.observation_task(partial(Room, size, **settings), discount=0.9, time_limit=30)
-
-
-def replaced_discount():
-    return cr.observation_task(partial(Room, 5), discount=0.5, time_limit=30)
+def room(size=4, discount=0.9, **settings):
+    return cr.observation_task(partial(Room, size, **settings), discount=discount, time_limit=30)
 
 
 def plan(shaping, *, small=None, learner=PPO, budget=192, **settings):
@@ -87,7 +78,7 @@ def test_an_actor_critic_starts_as_what_was_distilled_unless_told_otherwise():
 def test_levels_are_what_a_reset_can_reach_and_some_are_held_out():
     small = miniatures(room(), resets=40, held_out=0.25)
     (member,) = small.solved
-    goals = {tuple(goal) for seed in range(40) for goal in [_goal(seed)]}
+    goals = {goal_of(seed) for seed in range(40)}
     assert member.levels == len(goals)
     starts = np.flatnonzero(member.table.mdp.start)
     held = {member.level[state] for state in starts if not member.training[state]}
@@ -96,10 +87,10 @@ def test_levels_are_what_a_reset_can_reach_and_some_are_held_out():
     assert known.states.sum() == member.training.sum()
 
 
-def _goal(seed):
+def goal_of(seed):
     env = Room(4)
     env.reset(seed=seed)
-    return env.goal.tolist()
+    return tuple(env.goal.tolist())
 
 
 def test_what_is_distilled_is_exact():
@@ -109,7 +100,7 @@ def test_what_is_distilled_is_exact():
     assert known.values == pytest.approx(0.9 ** (steps - 1))
 
 
-@pytest.mark.parametrize("charged", [0, 1, 3])
+@pytest.mark.parametrize("charged", [0, 3])
 def test_its_models_are_charged_and_its_network_acts_well_on_other_levels(charged):
     small = miniatures(room(), resets=40, tested_on=[room(6)], charged=charged)
     result = plan(PolicyReuse(), small=small).train(seeds=2)
@@ -123,7 +114,7 @@ def test_its_models_are_charged_and_its_network_acts_well_on_other_levels(charge
     assert 0.5 < exam.regained <= 1.0 + 1e-9
 
 
-@pytest.mark.parametrize("charged", [0, 1, 3])
+@pytest.mark.parametrize("charged", [0, 3])
 def test_a_comparison_charges_the_models_once_and_has_a_placebo(charged):
     small = miniatures(room(), resets=6, charged=charged)
     with_placebo = {"controls": ["placebo"], "threshold": 0.3, "window": 1}
@@ -280,7 +271,7 @@ BAD = {
     "at least one member": miniatures,
     "one space": lambda: miniatures(room(), cr.observation_task("CartPole-v1")),
     "numbered actions": lambda: miniatures(cr.observation_task("Pendulum-v1")),
-    "one discount": lambda: miniatures(room(), replaced_discount()),
+    "one discount": lambda: miniatures(room(), room(5, 0.5)),
     "miniature CartPole-v1 has no tables.*max_states": lambda: (
         miniatures(cr.observation_task("CartPole-v1"), resets=1, max_states=50).solved
     ),
@@ -315,8 +306,7 @@ def test_what_a_learner_does_not_take_is_said_before_miniatures_are_solved(learn
 
 
 def test_relatives_for_tests_alone_are_not_solved_in_training():
-    drifting = cr.observation_task(partial(Room, 5, blind=True), discount=0.9, time_limit=30)
-    small = miniatures(room(), resets=6, max_states=200, tested_on=[drifting])
+    small = miniatures(room(), resets=6, max_states=200, tested_on=[room(5, blind=True)])
     plan(PolicyReuse(), small=small).train(seeds=1)
     assert "solved_tests" not in vars(small)
     (member,) = small.solved

@@ -16,14 +16,9 @@ from curricle.study.analysis import played_episode, stored_episode
 
 from .worlds import ACTOR, DEEP_Q, LAKE, MAZE, one_hot, table_potential
 
+KWARGS = {"features_extractor_class": SmallCNN, "normalize_images": False}
 CNN = DeepLearner(
-    "PPO",
-    "CnnPolicy",
-    settings={
-        "n_steps": 32,
-        "batch_size": 32,
-        "policy_kwargs": {"features_extractor_class": SmallCNN, "normalize_images": False},
-    },
+    "PPO", "CnnPolicy", settings={"n_steps": 32, "batch_size": 32, "policy_kwargs": KWARGS}
 )
 
 
@@ -52,12 +47,6 @@ def test_a_saved_policy_is_read_by_stable_baselines3_and_here(tmp_path, algorith
         assert theirs.num_timesteps == result.steps_used[k]
     for name, value in result.values[1].parameters().items():
         assert np.array_equal(theirs.policy.state_dict()[name].numpy(), value)
-
-
-def test_a_saved_model_goes_on_learning(tmp_path, lake):
-    model = PPO.load(lake.policy.save(tmp_path / "lake.zip"), env=LAKE.environment())
-    model.learn(64)
-    assert model.num_timesteps == 64
 
 
 def test_the_policy_is_that_of_the_best_last_return(lake):

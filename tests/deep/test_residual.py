@@ -173,6 +173,12 @@ def test_what_cannot_be_a_residual_is_refused():
     blind = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"reads": "none"}})
     with pytest.raises(cr.errors.SettingError, match="actions, state, nothing: got 'none'"):
         cr.deep.learn_deep(observed, blind, 100, shaping=cr.QInitialisation(actions))
+    car = cr.transfer.ObservationPotential.of(
+        cr.observation_task("MountainCar-v0"),
+        cr.transfer.FunctionValues(lambda seen, actions: 0.0 * actions, actions=3),
+    )
+    with pytest.raises(cr.errors.SettingError, match="made for the task it enters"):
+        DQN(residual_policy(DQN), "Acrobot-v1", policy_kwargs={"potential": car})
 
 
 class Picture(gymnasium.Env):
@@ -221,15 +227,6 @@ def test_numbered_observations_have_a_residual():
     learner = cr.deep.DeepLearner("DQN", settings={"learning_starts": 8, "batch_size": 8})
     result = cr.deep.learn_deep(task, learner, 40, shaping=cr.QInitialisation(phi), eval_freq=40)
     assert result.greedy_return[0, 0] == 1
-
-
-def test_a_residual_refuses_a_potential_of_another_task():
-    phi = cr.transfer.ObservationPotential.of(
-        cr.observation_task("MountainCar-v0"),
-        cr.transfer.FunctionValues(lambda seen, actions: 0.0 * actions, actions=3),
-    )
-    with pytest.raises(cr.errors.SettingError, match="made for the task it enters"):
-        DQN(residual_policy(DQN), "Acrobot-v1", policy_kwargs={"potential": phi})
 
 
 def test_cached_values_of_phi_are_phi_and_bounded(monkeypatch):

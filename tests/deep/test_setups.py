@@ -14,14 +14,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnvWrapper, VecNormalize
 
 import curricle as cr
-from curricle.deep import (
-    DeepLearner,
-    ShapedVecEnv,
-    WeightTransfer,
-    learn_deep,
-    miniatures,
-    models,
-)
+from curricle.deep import DeepLearner, ShapedVecEnv, WeightTransfer, learn_deep, miniatures, models
 from curricle.deep.distillation import distil
 from curricle.deep.learner import Linear
 from curricle.deep.networks import Standardized
@@ -104,36 +97,26 @@ budget = 1_024
         ("true, false or a dict of clip_reward", {"normalize": 3}),
         (r"noise_type .* must be one of normal", {"noise_type": "pink", "noise_std": 0.1}),
         (r"must leave out .*: got seed", {"seed": 1}),
+        (r"envs .* got 4 and n_envs = 2", {"n_envs": 2}),
         ("noise_type of a deep learner needs noise_std", {"noise_type": "normal"}),
     ],
 )
 def test_a_text_that_is_not_understood_is_refused(said, settings):
     with pytest.raises(cr.errors.SettingError, match=said) as caught:
-        DeepLearner("PPO", settings=settings)
+        DeepLearner("PPO", envs=4, settings=settings)
     assert "\n" not in str(caught.value)
 
 
-def test_arguments_and_settings_agree():
-    assert DeepLearner("PPO", envs=2, settings={"n_envs": 2}).envs == 2
-    with pytest.raises(cr.errors.SettingError, match=r"envs .* got 4 and n_envs = 2"):
-        DeepLearner("PPO", envs=4, settings={"n_envs": 2})
-
-
-def test_gamma_must_be_the_tasks_discount():
+def test_the_noise_of_the_zoo_reaches_the_algorithm_and_gamma_is_the_tasks_discount():
     with pytest.raises(cr.errors.SettingError, match=r"got 0\.9 and 0\.98; discount= of the task"):
         learn_deep(CART, DeepLearner("PPO", settings={"gamma": 0.9}), 64)
-
-
-def test_the_noise_of_the_zoo_reaches_the_algorithm():
+    assert DeepLearner("PPO", envs=2, settings={"n_envs": 2}).envs == 2
     settings = {"noise_type": "ornstein-uhlenbeck", "noise_std": 0.3}
     model = models.model_for(
         cr.observation_task("Pendulum-v1"), DeepLearner("TD3", "MlpPolicy", settings=settings)
     )
     assert type(model.action_noise).__name__ == "OrnsteinUhlenbeckActionNoise"
     assert model.action_noise._sigma == pytest.approx([0.3])
-
-
-# -- normalised observations and rewards ----------------------------------------------------------
 
 
 def test_statistics_are_those_of_vec_normalize():
@@ -149,9 +132,6 @@ def test_statistics_are_those_of_vec_normalize():
     raw = torch.as_tensor(venv.get_original_obs())
     assert part(raw).numpy() == pytest.approx(seen, abs=1e-3)
     assert float(part.running_reward) == pytest.approx(np.sqrt(venv.ret_rms.var + venv.epsilon))
-
-
-def test_epsilon_is_added_to_variances():
     learner = zoo(normalize={"norm_reward": False, "epsilon": 100.0})
     (part,) = Standardized.of(models.model_for(CART, learner).policy)
     assert part(torch.ones(1, 4)).numpy() == pytest.approx(np.full((1, 4), 101**-0.5))
@@ -191,41 +171,35 @@ def test_values_are_in_the_tasks_rewards_where_these_alone_are_normalised(task, 
     assert result.values[0].v(seen) == pytest.approx(raw * float(part.running_reward), rel=1e-5)
 
 
-def test_weights_are_refused_by_rewards_in_other_units():
-    source = learn_deep(CART, DeepLearner("PPO", settings=SMALL), 64).values[0]
-    learner = DeepLearner("PPO", settings={**SMALL, "normalize": True})
-    with pytest.raises(cr.errors.SettingError, match="needs rewards as they are"):
-        learn_deep(CART, learner, 64, shaping=WeightTransfer(source))
+def learnt(learner, **settings):
+    return learn_deep(CART, learner, 64, **settings).values[0]
 
 
-def test_a_critic_of_rewards_in_other_units_stays_where_it_is():
-    learner = DeepLearner("PPO", settings={**SMALL, "normalize": True})
-    source = learn_deep(CART, learner, 128, **TWO).values[0]
-    alone = replace(learner, settings={**SMALL, "normalize": {"norm_reward": False}})
-    with pytest.raises(cr.errors.SettingError, match=r"normalised rewards; PolicyReuse takes over"):
-        learn_deep(CART, alone, 64, shaping=WeightTransfer(source))
-    reused = learn_deep(CART, alone, 64, shaping=cr.deep.PolicyReuse(source))
-    (part,) = Standardized.of(reused.values[0].policy)
-    assert part.running_reward == 1
+PLAIN = DeepLearner("PPO", settings=SMALL)
+NORMALISED = replace(PLAIN, settings={**SMALL, "normalize": True})
+OBSERVING = replace(PLAIN, settings={**SMALL, "normalize": {"norm_reward": False}})
 
 
-def test_a_critic_of_shaped_rewards_stays_where_it_is():
+def test_a_critic_of_other_rewards_or_values_with_a_scale_stays_where_it_is():
     height = cr.transfer.FunctionValues(state_values=lambda seen: 50 + 0 * seen[:, 0])
-    learner = DeepLearner("PPO", settings=SMALL)
-    source = learn_deep(CART, learner, 64, shaping=cr.StateShaping(height)).values[0]
-    with pytest.raises(cr.errors.SettingError, match=r"shaped rewards; PolicyReuse takes over"):
-        learn_deep(CART, learner, 64, shaping=WeightTransfer(source))
-
-
-def test_a_critic_whose_values_have_a_scale_stays_where_it_is():
-    learner = DeepLearner("PPO", settings=SMALL)
-    source = learn_deep(CART, learner, 64).values[0]
+    plain = learnt(PLAIN)
     edge = cr.Transfer("other", "cart", cr.transfer.ObservationMapping(CART, CART), scale=10.0)
-    scaled = cr.transfer.ObservationPotential(CART, [edge], [source])
-    for phi in (scaled, cr.transfer.ObservationPotential.of(CART, source).rescaled(7.0)):
-        with pytest.raises(cr.errors.SettingError, match="has values with a scale"):
-            learn_deep(CART, learner, 64, shaping=WeightTransfer(phi))
-        learn_deep(CART, learner, 64, shaping=cr.deep.PolicyReuse(phi))
+    for source, learner, says in (
+        (plain, NORMALISED, "needs rewards as they are"),
+        (learnt(NORMALISED), OBSERVING, r"normalised rewards; PolicyReuse takes over"),
+        (learnt(PLAIN, shaping=cr.StateShaping(height)), PLAIN, "shaped rewards; PolicyReuse"),
+        (cr.transfer.ObservationPotential(CART, [edge], [plain]), PLAIN, "has values with a scale"),
+        (
+            cr.transfer.ObservationPotential.of(CART, plain).rescaled(7.0),
+            PLAIN,
+            "has values with a scale",
+        ),
+    ):
+        with pytest.raises(cr.errors.SettingError, match=says):
+            learnt(learner, shaping=WeightTransfer(source))
+        if learner is not NORMALISED:
+            reused = learnt(learner, shaping=cr.deep.PolicyReuse(source))
+            assert all(part.running_reward == 1 for part in Standardized.of(reused.policy))
 
 
 def test_a_residual_refuses_rewards_in_other_units():
@@ -343,9 +317,6 @@ def test_a_distilled_network_is_normalised_by_what_it_was_fitted_to():
     seen = small.knowledge().observations
     assert part.running_0_mean.numpy() == pytest.approx(seen.mean(axis=0), abs=1e-4)
     assert small.examined(values)[0].regained > 0.9
-
-
-# -- processes and saved models ------------------------------------------------------------------
 
 
 def test_processes_learn_what_one_process_learns():

@@ -69,13 +69,6 @@ def shape(venv, **settings):
     return ShapedVecEnv(venv, height, **{"discount": DISCOUNT, **settings})
 
 
-def monitored(limit=LIMIT):
-    return Monitor(world(limit))
-
-
-# -- what a step is paid -------------------------------------------------------------------------
-
-
 class Calls:
     """Values that count how often and how many they were asked."""
 
@@ -144,11 +137,8 @@ def test_values_are_read_once_a_step_and_never_of_a_terminal_state():
         assert values.sizes == [3 + cut + dones.sum()]
 
 
-# -- a good citizen of Stable-Baselines3 ---------------------------------------------------------
-
-
 def test_what_stands_inside_can_be_reached():
-    venv = shape(DummyVecEnv([monitored] * 2))
+    venv = shape(DummyVecEnv([lambda: Monitor(world())] * 2))
     assert venv.env_is_wrapped(Monitor) == [True, True]
     venv.reset()
     states = venv.get_attr("state")
@@ -159,25 +149,6 @@ def test_what_stands_inside_can_be_reached():
     venv.set_attr("mark", 3)
     assert venv.get_attr("mark") == [3, 3]
     assert venv.discount == DISCOUNT
-
-
-def test_rewards_of_hindsight_would_lack_the_shaping():
-    with pytest.raises(SettingError, match="as in hindsight replay"):
-        shape(worlds()).env_method("compute_reward", None, None, None, indices=[0])
-
-
-def test_normalised_rewards_inside_would_be_stored_unshaped():
-    with pytest.raises(SettingError, match="VecNormalize must be outside"):
-        shape(VecMonitor(VecNormalize(worlds())))
-
-
-def test_an_environment_of_gymnasium_is_refused():
-    with pytest.raises(SettingError, match="the environments of ShapedVecEnv must be a VecEnv"):
-        shape(gym.make("CartPole-v1"))
-
-
-def some_steps(venv):
-    return [venv.step([0] * venv.num_envs)[3] for _ in range(LIMIT + 1)]
 
 
 class Forgetful(VecEnvWrapper):
@@ -191,11 +162,24 @@ class Forgetful(VecEnvWrapper):
         return *rest, [{k: v for k, v in info.items() if "terminal" not in k} for info in infos]
 
 
-def test_missing_final_observations_are_refused():
+def steps_without_final_observations():
     venv = shape(Forgetful(worlds(2, limit=1)))
     venv.reset()
-    with pytest.raises(SettingError, match=r"info\['terminal_observation'\]: sub-environment "):
-        some_steps(venv)
+    return [venv.step([0, 0]) for _ in range(2)]
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: shape(worlds()).env_method("compute_reward", indices=[0]), "in hindsight replay"),
+        (lambda: shape(VecMonitor(VecNormalize(worlds()))), "VecNormalize must be outside"),
+        (lambda: shape(gym.make("CartPole-v1")), "environments of ShapedVecEnv must be a VecEnv"),
+        (steps_without_final_observations, r"info\['terminal_observation'\]: sub-environment "),
+    ],
+)
+def test_what_would_shape_wrongly_is_refused(call, says):
+    with pytest.raises(SettingError, match=says):
+        call()
 
 
 def test_networks_may_round():
@@ -207,9 +191,6 @@ def test_networks_may_round():
         info.get("telescoping_residual", 0.0) for _ in range(50) for info in venv.step([0] * 5)[3]
     ]
     assert max(map(abs, residuals)) < 1e-4
-
-
-# -- what algorithms store -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("normalised", [False, True])

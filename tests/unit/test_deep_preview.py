@@ -75,15 +75,6 @@ def test_a_potential_of_states_has_no_policy(plan):
     assert foreseen.coverage["near -> hunt"].mapped == 1.0
 
 
-def test_a_mapping_to_fractions_of_states_is_refused_with_the_first_of_them(plan):
-    near = plan.tasks["hunt"]
-    mapping = cr.transfer.ObservationMapping(
-        near, cr.GridWorld("S.T"), lambda rows: np.array([1.0, 0.5])[: len(rows)], [0] * 25
-    )
-    with pytest.raises(cr.errors.MappingError, match=r"states must be whole numbers: got 0\.5"):
-        mapping.coverage(np.zeros((2, *near.observations.shape)))
-
-
 def test_controls_that_make_no_sense_are_refused(plan):
     check_fit(["negated", "pretraining"], "transfer", plan)
     for control in ("placebo", "random_start"):
@@ -148,12 +139,18 @@ def test_random_play_draws_from_the_space_alone():
     assert state in (0, 1)
 
 
-def test_actions_of_a_target_without_numbered_actions_are_refused():
-    car = cr.observation_task("MountainCarContinuous-v0")
-    with pytest.raises(cr.errors.MappingError, match="needs a target with numbered actions: got"):
-        cr.transfer.ObservationMapping(car, car, actions=[0])
-
-
-def test_action_values_need_the_number_of_actions_for_state_values():
-    with pytest.raises(cr.errors.PotentialError, match="got action_values without actions"):
-        cr.transfer.FunctionValues(lambda rows, actions: actions)
+def test_mappings_and_values_of_observations_that_make_no_sense_are_refused(plan):
+    near, car = plan.tasks["hunt"], cr.observation_task("MountainCarContinuous-v0")
+    mapping = cr.transfer.ObservationMapping(
+        near, cr.GridWorld("S.T"), lambda rows: np.array([1.0, 0.5])[: len(rows)], [0] * 25
+    )
+    for call, says in (
+        (lambda: mapping.coverage(np.zeros((2, *near.observations.shape))), r"numbers: got 0\.5"),
+        (
+            lambda: cr.transfer.ObservationMapping(car, car, actions=[0]),
+            "needs a target with numbered actions: got",
+        ),
+        (lambda: cr.transfer.FunctionValues(lambda rows, actions: actions), "without actions"),
+    ):
+        with pytest.raises(cr.CurricleError, match=says):
+            call()

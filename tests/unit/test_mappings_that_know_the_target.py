@@ -21,7 +21,6 @@ from curricle.errors import CurriculumError, MappingError
 from curricle.study import StudyResults, read_study
 from curricle.tasks.mdp import tables
 from curricle.transfer import (
-    TaskPair,
     auto_mapping,
     compose,
     find_mappings,
@@ -49,9 +48,6 @@ def auto(target=MAZE, source=MIRRORED, mapping=None, **settings):
     )
 
 
-# -- which mappings know the target ----------------------------------------------------------------
-
-
 def test_what_a_search_found_knows_the_target_and_what_a_hand_made_does_not():
     for source in (MIRRORED, CROP):
         assert all(one.mapping.knows_target for one in find_mappings(MAZE, source))
@@ -62,18 +58,6 @@ def test_what_a_search_found_knows_the_target_and_what_a_hand_made_does_not():
     member = cr.tasks.pursuit_family
     mappings = cr.transfer.family_mappings(member(size=3, predators=2), member(size=3, predators=1))
     assert not any(mapping.knows_target for mapping in mappings)
-
-
-@pytest.mark.parametrize("search", SEARCHES[2:])
-def test_every_search_that_reads_the_model_says_so(search):
-    for tasks in (TaskPair(MAZE, CROP), TaskPair(cr.GridWorld("S....T"), cr.GridWorld("S.T"))):
-        try:
-            made = list(search(tasks))
-        except MappingError:
-            continue
-        assert all(proposal.mapping.knows_target for proposal in made)
-        break
-    assert made
 
 
 def test_a_copy_between_does_not_hide_it():
@@ -98,13 +82,14 @@ def test_a_smaller_task_between_may_be_known():
 
 def test_what_a_curriculum_is_turned_into_keeps_it():
     plan = auto()
-    for same in (plan.replace("target", budget=300), apart(plan), replace(plan, budget=100)):
+    for same in (apart(plan), replace(plan, budget=100)):
         assert same.knows_target(same.target)
     assert not auto(mapping=identity(MAZE, MIRRORED)).knows_target("target")
     assert FOUND in transfer_words(plan.transfers[0])
 
 
-# -- what is said of them --------------------------------------------------------------------------
+def compared(arms):
+    return Comparison("maze", arms, 10, 10, Reference(0.5), 1)
 
 
 def test_it_stands_in_the_verdict_whatever_the_verdict_is():
@@ -115,7 +100,7 @@ def test_it_stands_in_the_verdict_whatever_the_verdict_is():
     ):
         comparison = controlled(pays, constant, placebo=constant)
         arms = {**comparison.arms, "mean": replace(comparison["mean"], knows_target=True)}
-        known = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
+        known = compared(arms)
         assert known.contrasts["mean"].reason == f"{reason}{FOUND}"
         assert "by what it knows" not in known.contrasts["mean"].answer
         for text in (str(known), str(known.rows())):
@@ -128,17 +113,13 @@ def test_a_reason_says_that_an_unrelated_task_did_as_well(unrelated_gain, says):
     arms = dict(controlled(10.0, 4.0, placebo=4.0).arms)
     arms["mean"] = replace(arms["mean"], knows_target=True)
     arms["mean, unrelated"] = flat(unrelated_gain + np.roll(NOISE, 2), "mean")
-    comparison = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
+    comparison = compared(arms)
     assert (NO_MORE in comparison.contrasts["mean"].answer) is says
     assert comparison.know_nothing["mean"] == ("mean, placebo", "mean, constant mean")
-    by_hand = {**arms, "mean": replace(arms["mean"], knows_target=False)}
-    assert Comparison("maze", by_hand, 10, 10, Reference(0.5), 1).contrasts["mean"].answer == (
-        "pays, by what it knows"
-    )
-    lost = {**arms, "mean": flat(NOISE - 5, knows_target=True)}
-    assert (
-        NO_MORE not in Comparison("maze", lost, 10, 10, Reference(0.5), 1).contrasts["mean"].answer
-    )
+    by_hand = compared({**arms, "mean": replace(arms["mean"], knows_target=False)})
+    assert by_hand.contrasts["mean"].answer == "pays, by what it knows"
+    lost = compared({**arms, "mean": flat(NOISE - 5, knows_target=True)})
+    assert NO_MORE not in lost.contrasts["mean"].answer
 
 
 def test_it_stands_in_a_forecast():
@@ -162,8 +143,6 @@ def test_it_is_kept_in_the_folder_of_a_study(tmp_path):
     assert read_study(tmp_path / "own.toml").curriculum("transfer").knows_target("maze")
     assert FOUND in study.record.arms["transfer"].transfers[0].words
 
-
-# -- the bar, and the control ----------------------------------------------------------------------
 
 PAID = 646  # of two random MDPs that have nothing to do with each other, the source "paid"
 ALIKE = 634  # of two road maps, the values of one serve the other
@@ -224,9 +203,8 @@ def test_the_unrelated_source_has_the_size_and_the_prizes_of_the_source_and_no_m
             assert sources[edge.source].values.shape == (DRAWS, *mdp.outcome_row.shape)
         seen.append(task.outcome_row)
         assert score_mapping(edge.mapping).coverage > 0
-        assert (
-            unrelated_transfers(plan, seeds, draw)[1][0].mapping.index == edges[0].mapping.index
-        ).all()
+        again = unrelated_transfers(plan, seeds, draw)[1][0].mapping
+        assert (again.index == edges[0].mapping.index).all()
     assert not any((one == mdp.outcome_row).all() for one in seen)
     assert not (seen[0] == seen[1]).all()
 

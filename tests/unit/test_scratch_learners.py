@@ -32,14 +32,8 @@ type = "SARSA"
 NAMES = ("scratch", "scratch, optimistic", "scratch, sarsa")
 CONTROLS = 'controls=["placebo", "pretraining"]'
 SET = [
-    *(
-        "seeds=2",
-        "window=1",
-        "opponents=[]",
-        "learner.learning_rate=0.2",
-        "tasks.maze.time_limit=50",
-    ),
-    *("tasks.maze.budget=1_000", "tasks.corner.budget=200"),
+    *("seeds=2", "window=1", "opponents=[]", "learner.learning_rate=0.2"),
+    *("tasks.maze.time_limit=50", "tasks.maze.budget=1_000", "tasks.corner.budget=200"),
 ]
 
 
@@ -130,9 +124,8 @@ def by_hand(height_of_arm, *further):
     arms = {"scratch": flat(column(0.0))}
     for n, height in enumerate(further):
         arms[f"scratch, {n}"] = flat(column(height, n + 1), scratch=True)
-    return Comparison(
-        "maze", arms | {"mine": flat(column(height_of_arm, 7))}, 10, 10, Reference(0.5), 1
-    )
+    arms["mine"] = flat(column(height_of_arm, 7))
+    return Comparison("maze", arms, 10, 10, Reference(0.5), 1)
 
 
 def test_each_is_an_arm_with_the_same_total(calls):

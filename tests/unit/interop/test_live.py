@@ -126,9 +126,7 @@ def test_what_needs_tables_is_refused():
             work()
     with pytest.raises(cr.errors.SettingError, match="environment chooses the start: got start 3"):
         cr.planning.rollout(live, np.zeros(16, int), start=3)
-    with pytest.raises(
-        cr.errors.SettingError, match="budget in episodes needs a task with a time limit"
-    ):
+    with pytest.raises(cr.errors.SettingError, match="in episodes needs a task with a time limit"):
         cr.learn(cr.from_gymnasium(Ring, discount=0.9, live=True), budget=cr.Episodes(3))
 
 
@@ -255,9 +253,7 @@ def test_environments_without_spaces_are_refused(turned):
     class Half(gym.Env):
         observation_space, action_space = TWO, 2
 
-    with pytest.raises(
-        cr.errors.TaskError, match=r"observation_space of an environment must .* has None"
-    ):
+    with pytest.raises(cr.errors.TaskError, match=r"observation_space of an .* has None"):
         turned(Spaceless, discount=0.9)
     with pytest.raises(cr.errors.TaskError, match=r"action_space of an environment must .* has 2"):
         turned(Half, discount=0.9)
