@@ -48,7 +48,7 @@ linux = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="proc
 
 @linux
 def test_a_few_kills_change_nothing(tmp_path):
-    assert_kills_change_nothing("chain", tmp_path, 3, "0")
+    assert_kills_change_nothing("chain", tmp_path, 2, "0")
 
 
 @linux

@@ -114,9 +114,8 @@ def test_levels_agree_with_a_search_by_burlap_s_rules(number, reached, moves):
     assert solve(task).values[0] == pytest.approx(expected, rel=1e-7)
 
 
-@pytest.mark.parametrize("level", [1, 3])
-def test_parts_of_levels_are_those_with_a_way_to_the_exit(level):
-    solvable = []
+def test_parts_of_a_level_are_those_with_a_way_to_the_exit():
+    level, solvable = 1, []
     for columns in range(2, 20):
         part = BlockDude(level).crop(columns=(0, columns))
         mdp, blocks = part.mdp, sum(line.count("B") for line in part.level)

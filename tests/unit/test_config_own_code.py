@@ -282,45 +282,9 @@ def outcomes(state, action):
     return [(0.25, left, 0.0, False), (0.75, meant, float(ends and lit), ends)]
 
 
-class Lamps(Corridor):
-    pass
-
-
 def corridor(cells=4):
-    return Lamps(cells)
+    return Corridor(cells)
 """
-LAMPS = """
-name = "lamps"
-seeds = 2
-budget = 300
-
-[tasks]
-short = { type = "tabulated", factory = "own:corridor", arguments = { cells = 3 } }
-long = { type = "tabulated", factory = "own:corridor", reset_seeds = [0, 2] }
-listed = { type = "tabulated", factory = "own:slippery", outcomes = "own:outcomes" }
-near = { type = "tabulated", factory = "own:slippery", samples = 400 }
-lake = { type = "gymnasium", id = "FrozenLake-v1", live = true }
-door = { type = "tabulated", id = "minigrid:MiniGrid-Empty-5x5-v0", time_limit = "none" }
-"""
-
-
-@pytest.fixture
-def lamp_folder(tmp_path, monkeypatch):
-    (tmp_path / "own.py").write_text(OWN_LAMPS, "utf-8")
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def alone(name):
-    """Return the study with only one of its tasks."""
-    lines = LAMPS.splitlines()
-    return "\n".join(line for line in lines if " type = " not in line or line.startswith(name))
-
-
-def built_lamp(lamp_folder, name):
-    study = reader(lamp_folder)(alone(name))
-    assert only(type(study).from_data(study.to_data(), lamp_folder), *study.arms).tasks
-    return only(study, *study.arms).tasks[name]
 
 
 def assert_same(first, second):
@@ -329,17 +293,23 @@ def assert_same(first, second):
         np.testing.assert_array_equal(getattr(first.mdp, name), getattr(second.mdp, name))
 
 
-def test_a_tabulated_environment_is_what_python_makes(lamp_folder):
-    assert_same(built_lamp(lamp_folder, "short"), cr.tabulate(lambda: Corridor(3), discount=0.99))
-    long = built_lamp(lamp_folder, "long")
+def test_a_tabulated_environment_is_what_python_makes(read, tmp_path):
+    (tmp_path / "own.py").write_text(OWN_LAMPS, "utf-8")
+
+    def built(said):
+        study = read(f"name = 'lamps'\ntasks.it = {{ type = {said} }}")
+        assert only(StudyConfig.from_data(study.to_data(), tmp_path)).tasks
+        return only(study).tasks["it"]
+
+    corridor = "'tabulated', factory = 'own:corridor'"
+    short = built(f"{corridor}, arguments = {{ cells = 3 }}")
+    assert_same(short, cr.tabulate(lambda: Corridor(3), discount=0.99))
+    long = built(f"{corridor}, reset_seeds = [0, 2]")
     assert_same(long, cr.tabulate(Corridor, discount=0.99, seeds=[0, 2]))
     assert long.record.seeds == (0, 2)
-    listed, near = built_lamp(lamp_folder, "listed"), built_lamp(lamp_folder, "near")
-    assert (listed.exact, near.exact, near.record.samples) == (True, False, 400)
-    assert cr.solve(listed).start_value == pytest.approx(cr.solve(near).start_value, abs=0.05)
-    assert isinstance(built_lamp(lamp_folder, "lake"), cr.tasks.LiveMDP)
-    door = built_lamp(lamp_folder, "door")
-    assert (door.states.size, door.mdp.time_limit) == (34, None)
+    assert built("'tabulated', factory = 'own:slippery', outcomes = 'own:outcomes'").exact
+    lake = built("'gymnasium', id = 'FrozenLake-v1', live = true")
+    assert isinstance(lake, cr.tasks.LiveMDP)
 
 
 # -- encoders: by name, with settings, as functions; no torch is needed -------------------------

@@ -19,18 +19,14 @@ from gymnasium import spaces
 
 
 class Robot(gym.Env):
-    def __init__(self, size=6, slippery=False, seedless=False, max_steps=60):
-        self.size, self.slippery, self.seedless = size, slippery, seedless
-        self.max_steps, self.resets = max_steps, 0
+    def __init__(self, size=6, slippery=False, max_steps=60):
+        self.size, self.slippery, self.max_steps = size, slippery, max_steps
         self.observation_space = spaces.Box(0, size, (2,), dtype=np.int64)
         self.action_space = spaces.Discrete(4)
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.row = self.column = self.steps = 0
-        self.resets += 1
-        if self.seedless:
-            self.row = self.resets % (self.size - 1)
         return np.array([self.row, self.column]), {}
 
     def step(self, action):
@@ -65,11 +61,6 @@ class Labelled(Icy):
 
     def shown(self, at):  # in another order than that of the space
         return {"row": int(at[0]), "column": int(at[1]), "area": self.size**2}
-
-
-class Seedless(Robot):
-    def __init__(self):
-        super().__init__(seedless=True)
 
 
 class Patient(Robot):
@@ -165,12 +156,6 @@ def test_a_source_that_no_visited_state_reads_is_left_out(robots, name, readable
     assert {"slippery": False} in [variant.arguments for variant in kept]
     # Another size is another area, so that no state of the source is a state of the target.
     assert any("size" in variant.arguments for variant in kept) == readable
-
-
-def test_a_class_that_ignores_its_seed_is_told(robots):
-    _, _, notes = new_study("robots:Seedless", robots)
-    assert "two resets with one seed and the same actions differ" in notes[0]
-    assert "draw from self.np_random alone" in notes[0]
 
 
 @pytest.mark.parametrize(

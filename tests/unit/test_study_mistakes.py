@@ -28,7 +28,6 @@ LEVEL = ENCODED.replace("ENCODE", "'MiniGridView'")
 SHORT = {
     "LEARNER": "[learner]\nepsilon = 0.1",
     "KIND": 'type = "pursuit"\nsize = 3\npred',
-    "SIZE": "size = 3\npred",
     "PROJECT": 'project = { predator = "predator_1" }',
     "CROP": "[tasks.part]\ntype = 'crop'\nof = 'hunt'\nrows = [0, 1]\ncolumns = [0, 1]\n",
     "BACK": "[[transfers]]\nsource = 'hunt'\ntarget = 'chase'\nproject = {}\n",
@@ -70,10 +69,8 @@ MISTAKES = r"""
 + | [arms.a]\nseeds = 3 | line 22: arms.a.seeds is unknown: known are tasks, transfers,
 + | [arms.a]\ntransfers = [1] | line 22: arms.a.transfers[0] must name transfers of the
 + | [arms.a]\ntasks.chase.budget = 2_000 | line 21: arms.a changes nothing: its settings
-+ | [arms]\na = 3 | line 22: arms.a must be a table: got 3
 + | [arms.a]\n[arms.b]\nTURNED | line 21: arms must all have the same target: a has hunt
 tasks.chse.budget=3 | as set: tasks.chse is unknown, did you mean 'chase'?
-arms.a.budget=3 | as set: arms.a is unknown
 transfers.4.scale=3 | as set: transfers[4] is unknown: known are 0
 tasks.chase.time_limit=0 | line 7, as set: tasks.chase is refused: time_limit in
 snapshots=-1 | as set: snapshots must be at least 0: got -1
@@ -81,7 +78,6 @@ KIND | type = "persuit"\npred | line 8: tasks.chase.type must be one of maze, cr
 PROJECT | mapping = 'same_positon' | line 20: transfers[0].mapping must be 'identity',
 LEARNER | shaping.portfolio = 3 | line 4: shaping.portfolio must be true, false or a table: got
 epsilon = 0.1 | epsilon = nan | line 5: learner.epsilon must be finite: got nan
-SIZE | capture = 'al'\npred | line 9: tasks.chase.capture must be … mean 'all'?
 source = "chase" | source = "chse" | line 18: transfers[0].source must … 'chase'?
 PROJECT | mapping = 'identity'\nPROJECT | line 17: transfers[0] … project, mapping
 PROJECT | function = 'cart' | line 20: transfers[0].function must name … got 'cart'
@@ -97,7 +93,6 @@ torus = true | torus = 1 | line 10: tasks.chase.torus must be True or False: got
 size = 3 | size = 2000 | line 8: tasks.chase.size must lie in [2
 predators = 1 | predators = 1\ncapture = 2 | line 6: tasks.chase is refused: capture
 RING | type = "pursuit"\nsize = 3 | line 24: transfers[0].mapping must map members of
-family = "pursuit" | family = "persuit" | line 7: tasks.chase.family must be one of
 [lanes]
 length = 4 | length = 4, limit = 0.5 | line 6: tasks.short.limit must be a whole
 length = 4 | length = 4, treasure = 13 | own:corridor failed: RuntimeError: no luck
@@ -105,17 +100,13 @@ family = "own:corridor" | family = "own:plain" | own:plain must be a TaskFamily
 family = "own:corridor" | family = "own:lane" | own:lane has the parameter budget, which is a key of
 [starts]
 START | "reachble" | line 12: tasks.near.start_states must be 'uniform', 'reachable', or a
-START | { distance = [1, 2, 3] } | line 12: tasks.near.start_states.distance must be a number
 START | { distance = [3, 1] } | line 12: tasks.near.start_states.distance must be steps from
 START | {} | line 12: tasks.near.start_states must have distance or visits: got neither
-START | { visits = "random", goal = { row = 1 } } | line 12: tasks.near.start_states has a
 [rooms]
 factory = "own:Room" | id = "own:Room" | ; a class or function of your own is named by
 factory = "own:Room" | id = "a", factory = "own:Room" | id or factory: got both
 , "column" |  | in the order of state_1, state_2: got 1, row
-"column" | "" | tasks.room.names[1] must have 1 to 100 characters: got ''
 [level]
-VIEW | 'MiniGridVew' | line 7: tasks.level.encode must be one of MiniGridView
 VIEW | 'MiniGridFullView' | must be a table, as MiniGridFullView needs width and height
 VIEW | { type = 'MiniGridFullView', width = 4, height = 9 } | must fit into its encoder's 4 x
 VIEW | 'own:half' | own:half failed with TypeError
@@ -128,7 +119,6 @@ budget = 3_000 | learner = { type = "deep" } | line 10: tasks.chase.learner must
 "deep",  | "deep", envs = 0,  | line 17: tasks.hunt.learner is refused: envs of a
 aggregate = "minimum" | shaping = "RewardBonus" | line 5: shaping must be one of
 FIRST | mapping = "same_position" | line 21: transfers[0].mapping must be left out, or
-FIRST | project = {} | line 21: transfers[0].project must be left out: hunt is seen
 FIRST | factory = "own:broken" | line 18: transfers[0] is refused: own:broken failed:
 FIRST | factory = "own:made"\nactions = [1] | line 18: transfers[0] has actions or
 FIRST | observations = "own:leaning"\nactions = "left" | line 22: transfers[0].actions
@@ -141,7 +131,6 @@ SEEN | TABLE | transfers[0].source must have tables as its target has: short is 
 [swept]
 sweep.tasks.corner.rows=[[0, 9]] | sweep.tasks.corner.rows is refused: a crop must lie
 sweep.learner.epsilon=[1, 1] | must be a list of different values: 1 is there twice
-sweep.learner.epsilon=[3.0] | sweep.learner.epsilon is refused: epsilon must
 sweep.budget=[1, 2] | changes nothing: each task or arm that it could apply to sets it
 sweep.tasks.maze.budget=[1, 2] | must leave the target maze as it is
 sweep.tasks=[1] | a key of one of the tasks, such as tasks.maze.budget
@@ -149,11 +138,9 @@ sweep.seeds=[1, 2] | must name a setting of tasks or transfers: seeds is unknown
 sweep.RATES & sweep.unknown_value=[0.0] & sweep.mode=paired | must have as many values as
 sweep.RATES & tune.space.RATES | is swept already: leave out one of
 [tuned]
-tune.seeds=0 | tune.seeds must be a number of seeds, a list of different ones
 tune.space.learner.epsilon.low=1 | epsilon.high must be above low, 1: got 0.3
 tune.space.tasks.corner.budget={ low = 10.0, high = 90.0 } | must be a whole number:
 scratch=false | tune needs the comparison with scratch, … leave out scratch = false
-compared=false | tune needs the comparison with scratch, … leave out compared = false
 """
 """Of each file: what is set (by &), or a text and what takes its place (+ at the end); what the
 sentence has (… and its end)."""

@@ -234,11 +234,6 @@ def test_a_study_is_compared_from_its_path_with_its_own_settings(file):
     assert cr.compare(arms=file, seeds=[7], window=1).seeds == 1
 
 
-def test_learners_from_scratch_are_compared_too(file):
-    file.write_text(STUDY + "[scratch_learners.bold]\ninitial_value = 9.0\n", "utf-8")
-    assert "scratch, bold" in cr.compare(file).arms
-
-
 def test_a_study_of_one_arm_is_forecast_from_its_path(file):
     foreseen = cr.forecast("corners.toml", trial=False)
     assert foreseen.trained["corner"].seeds == (3, 5)
