@@ -17,10 +17,11 @@ import zipfile
 import zlib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from secrets import token_hex
-from typing import IO, TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 from urllib.parse import quote, urlsplit
 from urllib.request import url2pathname
 
@@ -302,11 +303,7 @@ class ArrayArchive:
         if most is not None and unpacked > most:
             raise ValueError(f"its snapshots must have at most {most:,} bytes")
         check_held(sum(member.file_size for member in wanted.values()) - unpacked, self.held)
-        arrays = dict[str, npt.NDArray[Any]]()
-        for name, member in wanted.items():
-            with self.archive.open(member) as file:
-                arrays[name] = read_npy(file, member.file_size)
-        return arrays
+        return {name: read_npy(self.archive.read(member)) for name, member in wanted.items()}
 
     def content(self, name: str, most: int) -> bytes:
         """Return the bytes of a member; ValueError if it is missing, compressed or too large."""
@@ -347,21 +344,40 @@ def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive
             raise Damaged from None
 
 
-def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
-    """Return the array of a file of `size` bytes without pickles; ValueError if it is malformed."""
+BEFORE_HEADER = 10  # bytes of an array's file before its header, of which the last two say its size
+
+
+class ArrayHeader(NamedTuple):
+    """What the header of an array says."""
+
+    shape: tuple[int, ...]
+    order: Literal["C", "F"]
+    dtype: np.dtype[Any]
+
+
+def read_npy(content: bytes) -> npt.NDArray[Any]:
+    """Return the array in the bytes of a file, without pickles; ValueError if it is malformed."""
+    begin = BEFORE_HEADER + int.from_bytes(content[BEFORE_HEADER - 2 : BEFORE_HEADER], "little")
+    shape, order, dtype = _npy_header(content[:begin])
+    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(content) - begin:
+        raise ValueError(f"an array of shape {shape} does not fill its file")
+    return np.frombuffer(content, dtype, offset=begin).copy().reshape(shape, order=order)
+
+
+@lru_cache(maxsize=512)  # files of a folder have few headers, which are parsed as Python
+def _npy_header(content: bytes) -> ArrayHeader:
+    """Return what the header of an array says; ValueError if it is malformed."""
+    file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     if version != (1, 0):
         raise ValueError(f"its arrays must be of format 1.0: got {version}")
     try:
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-    except Exception as error:  # of any kind: the header is parsed as Python
+    except Exception as error:  # of any kind
         raise ValueError(f"an array's header must be valid: {error}") from None
     if dtype.kind not in KINDS:
         raise ValueError("its arrays must hold numbers or text, and no Python objects or records")
-    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != size - file.tell():
-        raise ValueError(f"an array of shape {shape} does not fill its file")
-    flat = np.frombuffer(bytearray(file.read()), dtype)
-    return flat.reshape(shape, order="F" if fortran else "C")
+    return ArrayHeader(shape, "F" if fortran else "C", dtype)
 
 
 ABOUT, FORMAT = "about.json", 1

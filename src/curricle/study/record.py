@@ -400,9 +400,14 @@ class RunsRecord(Plain):
 
 
 def read_record(model: type[Model], value: object) -> Model:
+    """Return the record of plain data; ValueError names the first mistake."""
+    return record_in(model, json.dumps(value).encode())
+
+
+def record_in(model: type[Model], content: bytes) -> Model:
     """Return the record in the content of a JSON file; ValueError names the first mistake."""
     try:
-        return model.model_validate_json(json.dumps(value))
+        return model.model_validate_json(content)
     except ValidationError as error:
         raise ValueError(first_mistake(error)) from None
 

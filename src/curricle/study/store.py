@@ -29,7 +29,6 @@ from curricle.files import (
     digest_of,
     of_store,
     opened_archive,
-    parsed_json,
     place_at,
     read_bounded,
     results_folder,
@@ -44,6 +43,7 @@ from curricle.study.record import (
     first_mistake,
     plain,
     read_record,
+    record_in,
 )
 from curricle.study_file.schema import seeds_in_ranges
 from curricle.text import counted
@@ -231,7 +231,7 @@ def group_of(name: str) -> str:
     """Return the group of an array by its name: run, values, snapshots, ..."""
     if name.startswith("snapshot_"):
         return SNAPSHOTS
-    return VALUES if re.match(r"values|states", name) else RUN
+    return VALUES if name.startswith(("values", "states")) else RUN
 
 
 # -- The file of a unit: a sealed archive of its arrays and its record -----------------------------
@@ -257,7 +257,7 @@ def _snapshots_of(names: Iterable[str]) -> list[str]:
 
 def about_in(archive: ArrayArchive) -> UnitRecord:
     """Return the record of the unit in a file; ValueError if there is none."""
-    return read_record(UnitRecord, parsed_json(archive.content(ABOUT, LARGEST_ABOUT)))
+    return record_in(UnitRecord, archive.content(ABOUT, LARGEST_ABOUT))
 
 
 def groups_in(
@@ -329,21 +329,21 @@ class StoredUnit:
         seeds = tuple(seeds_in_ranges(path.stem.removeprefix("seeds-").replace("+", ",")))
         unit = cls(path, path.parent.name.rpartition("-")[2], seeds)
         if not seeds:
-            with unit.opened() as archive:
-                unit = replace(unit, seeds=about_in(archive).seeds)
+            unit = replace(unit, seeds=unit.about.seeds)
         return unit
 
     @contextmanager
-    def opened(self, *, whole: bool = False) -> Iterator[ArrayArchive]:
-        """Yield the unit's file, open to read parts or the `whole`; StoreError if damaged.
+    def opened(self, *, whole: bool = False) -> Iterator[tuple[ArrayArchive, UnitRecord]]:
+        """Yield the unit's file, open to read parts or the `whole`, and its record.
 
-        It is damaged, too, where it says that it is another unit than its path says.
+        StoreError if it is damaged, or says that it is another unit than its path says.
         """
         try:
             with read_errors(self.path), opened_archive(self.path, whole=whole) as archive:
-                if self.seeds and (why := self._stranger(about_in(archive))):
+                about = about_in(archive)
+                if self.seeds and (why := self._stranger(about)):
                     raise damage(self.path, why)
-                yield archive
+                yield archive, about
         except Damaged:
             raise damage(self.path) from None
         except ValueError as error:
@@ -359,12 +359,12 @@ class StoredUnit:
     @cached_property
     def about(self) -> UnitRecord:
         """The record in the unit's file; StoreError if it is damaged or another unit's."""
-        with self.opened() as archive:
-            return about_in(archive)
+        with self.opened() as (_, about):
+            return about
 
     def arrays(self, *groups: str) -> NamedArrays:
         """Return the unit's arrays of some groups, such as ``run``, without pickles."""
-        with self.opened() as archive:
+        with self.opened() as (archive, _):
             return groups_in(archive, groups)
 
     def content(self, task: str, groups: Collection[str], most: int | None = None) -> UnitContent:
@@ -372,14 +372,14 @@ class StoredUnit:
 
         StoreError if the file is damaged, or of another task; `most` bytes of snapshots are read.
         """
-        with self.opened() as archive:
-            if about_in(archive).task != task:
-                raise damage(self.path, f"it is of task {about_in(archive).task!r}, not {task!r}")
+        with self.opened() as (archive, about):
+            if about.task != task:
+                raise damage(self.path, f"it is of task {about.task!r}, not {task!r}")
             return UnitContent(groups_in(archive, groups, most), decisions_in(archive))
 
     def result(self, seeds: Collection[int], most: int | None = None) -> UnitContent:
         """Return the result of some of the unit's seeds; StoreError if the file is damaged."""
-        with self.opened(whole=True) as archive:
+        with self.opened(whole=True) as (archive, _):
             arrays = groups_in(archive, GROUPS, most)
             decisions = decisions_in(archive)
         return UnitContent(of_seeds(arrays, seeds), [row for row in decisions if row.seed in seeds])
@@ -619,10 +619,11 @@ class StudyStore:
         if stored.path in self._kept:  # read or written by this process
             return True
         try:
-            with stored.opened(whole=True) as archive, suppress(ValueError):
+            with stored.opened(whole=True) as (archive, about), suppress(ValueError):
                 # Malformed curves or decisions raise an error when they are needed.
                 content = UnitContent(groups_in(archive, (RUN,)), decisions_in(archive))
-                self._keep(stored, Kept({RUN}, about_in(archive).task, content))
+                groups = {RUN} if _snapshots_of(archive.names) else {RUN, SNAPSHOTS}
+                self._keep(stored, Kept(groups, about.task, content))
         except StoreError as error:
             if error.__cause__ is None:
                 return False
