@@ -203,7 +203,7 @@ def unsealed(content: bytes) -> dict[str, Any] | None:
     return dict(value) if whole else None
 
 
-def parsed_json(content: bytes) -> Any:
+def parsed_json(content: bytes) -> object:
     """Return the value of JSON; ValueError if it is no JSON, or deeply nested."""
     try:
         return json.loads(content)
@@ -429,8 +429,8 @@ def read_saved(path: str | Path, kind: str) -> SavedFile:
     except OSError as error:
         raise StoreError(f"a saved {kind} cannot be read from {file}: {reason(error)}") from None
     if not isinstance(about, dict) or about.get("kind") != kind:
-        there = about.get("kind") if isinstance(about, dict) else about
-        raise StoreError(f"a {kind} must be loaded from a {kind}'s file: {file} holds a {there}")
+        held = about.get("kind") if isinstance(about, dict) else about
+        raise StoreError(f"a {kind} must be loaded from a {kind}'s file: {file} holds a {held}")
     if about.get("format") != FORMAT:
         raise StoreError(
             f"{file} must have format {FORMAT}, which this version of Curricle reads: it has "

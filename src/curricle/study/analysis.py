@@ -1,8 +1,8 @@
 """The parts of a study's results that need its tasks: record, certificates, episodes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -46,9 +46,11 @@ from curricle.study.results import StudyResults
 from curricle.study.store import ANALYSIS
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
-from curricle.tasks.observation_task import is_observation_task, plain_text
+from curricle.tasks.observation_task import ObservationTask, is_observation_task, plain_text
 from curricle.text import counted
 from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
+
+Item = TypeVar("Item")
 
 # -- The record of a study before it is run: plain data of its tasks and curricula -----------------
 
@@ -68,7 +70,7 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
 
 def curricula_record(planned: Mapping[str, PlannedArm]) -> CurriculaRecord:
     """Return the record of arms by name, with the keys of their stored results, if any."""
-    tasks, edges, arms = list[Any](), list[Transfer](), {}
+    tasks, edges, arms = list[Task](), list[Transfer](), {}
     for label, arm in planned.items():
         curriculum, nodes = arm.curriculum, dict[str, NodeRecord]()
         for name in curriculum.order:
@@ -97,7 +99,7 @@ def curricula_record(planned: Mapping[str, PlannedArm]) -> CurriculaRecord:
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 
 
-def _number(value: Any, values: list[Any], same: Any) -> int:
+def _number(value: Item, values: list[Item], same: Callable[[Item, Item], bool]) -> int:
     """Return the index of a value in a list of different values; append a new value."""
     place = next((n for n, other in enumerate(values) if same(value, other)), len(values))
     if place == len(values):
@@ -105,8 +107,8 @@ def _number(value: Any, values: list[Any], same: Any) -> int:
     return place
 
 
-def _task(task: Any) -> TaskRecord:
-    if is_observation_task(task):
+def _task(task: Task | ObservationTask) -> TaskRecord:
+    if isinstance(task, ObservationTask):
         kind = f"observations, {task.shapes.replace('->', '→')}"
         return TaskRecord(kind=kind, text=plain_text(task), states=0, actions=0, view=None)
     model, view = generative_model(task), GridView.for_replay(task)
@@ -242,8 +244,8 @@ def _section(arms: tuple[str, ...], results: Mapping[str, CurriculumResult]) -> 
             certificates[text] = CertificateRecord(arms=(*alike, arm), holds=holds, text=text)
     except CurricleError as error:  # the results are valid without certificates
         left_out = f"What is missing here is left out: {error}"
-    left = (left_out,) if left_out else ()
-    return SectionRecord(arms=arms, certificates=tuple(certificates.values()), left_out=left)
+    sentences = (left_out,) if left_out else ()
+    return SectionRecord(arms=arms, certificates=tuple(certificates.values()), left_out=sentences)
 
 
 def _not_certified(

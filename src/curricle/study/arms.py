@@ -100,20 +100,20 @@ def _of(units: Mapping[int, Any]) -> Dependencies:
     return dependencies
 
 
-def changes_of(units: Mapping[int, Any], here: Dependencies) -> Iterator[str]:
-    """Yield a clause for each change between the dependencies of stored units and `here`."""
+def changes_of(units: Mapping[int, Any], wanted: Dependencies) -> Iterator[str]:
+    """Yield a clause for each change from the dependencies of stored units to those `wanted`."""
     stored = _of(units)
-    if stored["curricle"] != here["curricle"]:
-        yield f"Curricle was {stored['curricle']} and is {here['curricle']}"
-    old_code, code = stored["code"], here["code"]
+    if stored["curricle"] != wanted["curricle"]:
+        yield f"Curricle was {stored['curricle']} and is {wanted['curricle']}"
+    old_code, code = stored["code"], wanted["code"]
     for file in sorted(file for file in {*old_code, *code} if old_code.get(file) != code.get(file)):
         fate = "changed" if file in old_code else "is used now"
         yield f"{file} {fate if file in code else 'is used no longer'}"
-    for source in sorted({*stored["sources"], *here["sources"]}):
-        if stored["sources"].get(source) != here["sources"].get(source):
+    for source in sorted({*stored["sources"], *wanted["sources"]}):
+        if stored["sources"].get(source) != wanted["sources"].get(source):
             yield f"its source {source} changed"
     for name in ("task", "parts_of", "transfers", "total", "source_budget"):
-        for place, (old, new) in differences(stored.get(name), here.get(name), name):
+        for place, (old, new) in differences(stored.get(name), wanted.get(name), name):
             yield f"{place.removeprefix('task.')} was {shown(old)} and is {shown(new)}"
 
 
@@ -156,7 +156,9 @@ class Arms(Plan):
         target = next(iter(study.curricula.values())).target
         data = {**scratch_data(plain, target), **plain["arms"]}
 
-        def keys_of(name: str, curriculum: Curriculum, change: str) -> Any:
+        def keys_of(
+            name: str, curriculum: Curriculum, change: str
+        ) -> tuple[dict[str, str], dict[str, Dependencies]]:
             total = curriculum.setting("budget", target)
             total = total if isinstance(total, int) else None
             keys, dependencies = dict[str, str](), dict[str, Dependencies]()
@@ -214,9 +216,9 @@ def arms_from_json(config: str, folder: str, code: str) -> Arms:
     # Found mappings are not printed again: the process that began the run printed them.
     study = StudyConfig.from_data(json.loads(config), Path(folder), say=lambda _: None)
     arms = Arms.of(study)
-    here, there = arms.code, json.loads(code)
-    for file in sorted({*here, *there}):
-        if here.get(file) != there.get(file):
+    digests, expected = arms.code, json.loads(code)
+    for file in sorted({*digests, *expected}):
+        if digests.get(file) != expected.get(file):
             raise ConfigError(
                 f"{file} must not change during a run: run the study again with --resume"
             )

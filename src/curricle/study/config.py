@@ -6,6 +6,7 @@ complete arms (:class:`StudyConfig`), which is what is run, stored and hashed in
 
 import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache, cached_property, wraps
@@ -46,6 +47,7 @@ from curricle.study_file.file import (
     complete_curriculum,
     complete_learners,
     merged,
+    names_in,
     path_text,
     toml_of,
 )
@@ -139,21 +141,21 @@ class ArmTables(Table):
         for index, edge in enumerate(self.transfers):
             if not {edge.source, edge.target} <= self.tasks.keys():
                 continue  # wrong names are reported elsewhere
-            here, target = ("transfers", index), self.tasks[edge.target]
+            place, target = ("transfers", index), self.tasks[edge.target]
             if self.tasks[edge.source].deep and not target.deep:
                 text = f"must have tables as its target has: {edge.source} is seen through "
-                messages.append(((*here, "source"), text + "observations"))
+                messages.append(((*place, "source"), text + "observations"))
             ends = (edge.source, edge.target)
             strangers = [end for end in ends if not isinstance(self.tasks[end], FamilyTask)]
             if edge.mapping == "family" and strangers:
                 text = f"must map members of a family: {strangers[0]} is none"
-                messages.append(((*here, "mapping"), text))
+                messages.append(((*place, "mapping"), text))
             source: Any = self.tasks[edge.source]
             of = source.of if source.type == "candidate" else None
             if edge.mapping == "candidate" and of != edge.target:
                 text = f"must map to a candidate of {edge.target}: {edge.source} is none"
-                messages.append(((*here, "mapping"), text))
-            messages += [((*here, key), text) for key, text in edge.mismatches(deep=target.deep)]
+                messages.append(((*place, "mapping"), text))
+            messages += [((*place, key), text) for key, text in edge.mismatches(deep=target.deep)]
         if messages:
             raise wrong_at(*messages)
         return self
@@ -211,9 +213,10 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": dialect, **schema, "title": "Curricle study"}
 
 
-def _subclasses(kind: Any) -> Iterator[type]:
-    for below in kind.__subclasses__():
-        yield from (below, *_subclasses(below))
+def _subclasses(kind: type) -> Iterator[type]:
+    subclasses: list[type] = kind.__subclasses__()
+    for subclass in subclasses:
+        yield from (subclass, *_subclasses(subclass))
 
 
 @cache
@@ -483,10 +486,12 @@ class _Builder:
                 return Curriculum({name: tasks[name] for name in learnt}, transfers, **settings)
         return None
 
-    def _refused(self, *path: Any) -> Any:
+    def _refused(self, *path: str | int) -> AbstractContextManager[None]:
         return self.problems.at("arms", self.name, *path)
 
-    def _mappings(self, edge: Any, tasks: dict[str, Any], settings: Any) -> tuple[Any, ...]:
+    def _mappings(
+        self, edge: TransferTable, tasks: dict[str, Any], settings: dict[str, dict[str, Any]]
+    ) -> tuple[object, ...]:
         """Return the mappings of a transfer; arms with equal transfers share them."""
         target, source = tasks[edge.target], tasks[edge.source]
         # As a curriculum does.
@@ -504,8 +509,10 @@ class _Builder:
                 with users_code(f"the mapping of {to.family.name}"):
                     mappings = member_mappings(to, of, target, source, edge.unmapped_value)
             else:
-                of_search = {"fit_unmapped": fit, "say": self.study._say}
-                mappings = (edge.mapping_in(target, source, self.folder, **of_search),)
+                say = self.study._say
+                mappings = (
+                    edge.mapping_in(target, source, self.folder, fit_unmapped=fit, say=say),
+                )
             self.made[key] = mappings
         return self.made[key]  # type: ignore[no-any-return]
 
@@ -608,12 +615,11 @@ def read_study(
         keys, value = assignment(change)
         place: KeyPath = keys
         if len(keys) > 1 and keys[0] in ("tasks", "arms", "transfers"):
-            there, number = study.get(keys[0]), keys[0] == "transfers" and keys[1].isdecimal()
-            known = [*map(str, range(len(there)))] if isinstance(there, list) else [*table(there)]
+            number, names = keys[0] == "transfers" and keys[1].isdecimal(), names_in(study, keys[0])
             place = (keys[0], int(keys[1]) if number else keys[1], *keys[2:])
-            if keys[1] not in known:
+            if keys[1] not in names:
                 positions = Positions(str(file), changed=(place[:2],))
-                raise ConfigError(positions.sentence(place[:2], unknown(keys[1], known)))
+                raise ConfigError(positions.sentence(place[:2], unknown(keys[1], names)))
         changed.append(place)
         study = merged(study, value)
     known_arms = table(study.get("arms")) or {ONLY_ARM: {}}
@@ -661,30 +667,30 @@ def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
     learners = table(study.get("scratch_learners"))
     targets = {arm: NameGraph.of(curriculum).targets for arm, curriculum in complete.items()}
     for arm, written in table(study.get("arms")).items():
-        here, patch, silent = ("arms", arm), table(written), True
+        place, patch, silent = ("arms", arm), table(written), True
         if why := unfit_name(arm):
-            yield here, f"has a name that {why}"
+            yield place, f"has a name that {why}"
         if arm == SCRATCH:
-            yield here, "must have another name: it is the arm without sources"
+            yield place, "must have another name: it is the arm without sources"
         if arm in {f"{SCRATCH}, {name}" for name in learners}:
-            yield here, "must have another name: a learner has it"
+            yield place, "must have another name: a learner has it"
         for name in table(patch.get("tasks")):
             if name not in tasks:
                 silent = False
-                yield (*here, "tasks", name), unknown(name, tasks)
+                yield (*place, "tasks", name), unknown(name, tasks)
         chosen = patch.get("transfers")
         for index, entry in enumerate(chosen if isinstance(chosen, list | dict) else []):
             number = int(entry) if isinstance(entry, str) and entry.isdecimal() else entry
             if isinstance(entry, dict) or (type(number) is int and 0 <= number < len(transfers)):
                 continue
-            silent, path = False, (*here, "transfers")
+            silent, path = False, (*place, "transfers")
             text = f"must name transfers of the study by number, below {len(transfers)}: got "
             yield (*path, index) if isinstance(chosen, list) else path, text + shown(entry)
         if patch and silent and complete[arm] == complete_curriculum(study):
-            yield here, "changes nothing: its settings are the study's, or a task has its own"
-    known = {arm: last[0] for arm, last in targets.items() if len(last) == 1}
-    if len({*known.values()}) > 1:
-        by_arm = ", ".join(f"{arm} has {target}" for arm, target in known.items())
+            yield place, "changes nothing: its settings are the study's, or a task has its own"
+    single = {arm: last[0] for arm, last in targets.items() if len(last) == 1}
+    if len({*single.values()}) > 1:
+        by_arm = ", ".join(f"{arm} has {target}" for arm, target in single.items())
         yield ("arms",), f"must all have the same target: {by_arm}"
     if learners and study.get("scratch") is False:
         yield ("scratch_learners",), "are compared with the target's own: leave out scratch = false"

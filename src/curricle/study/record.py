@@ -5,6 +5,7 @@ from collections.abc import Collection
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -26,8 +27,8 @@ from curricle.statistics.curves import SCRATCH
 # -- Parts of records: plain data of fixed types, with arrays as lists of numbers ------------------
 
 
-def _array(dtype: type, kinds: str) -> Any:
-    def read(value: object) -> Any:
+def _array(dtype: type, kinds: str) -> PlainValidator:
+    def read(value: object) -> npt.NDArray[Any]:
         try:
             array = np.asarray(value)
         except ValueError:

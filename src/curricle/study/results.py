@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -353,15 +354,15 @@ class StudyResults:
 
     def initial_values(self, arm: str) -> FloatArray | None:
         """Return the initial Q of each seed, (K,); None unless the arm is a constant."""
-        values: FloatArray | None = self._of_seeds(arm, self.record.target, "initial_values")
-        return values
+        return self._of_seeds(arm, self.record.target, "initial_values")
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps that each seed of an arm spent before a task, by default its target."""
-        steps: IntArray = self._of_seeds(arm, task or self.record.target, "source_steps")
+        steps = self._of_seeds(arm, task or self.record.target, "source_steps")
+        assert steps is not None, "units without them are refused"
         return steps
 
-    def _of_seeds(self, arm: str, task: str, name: str) -> Any:
+    def _of_seeds(self, arm: str, task: str, name: str) -> npt.NDArray[Any] | None:
         """Return an array of a task besides its results, (K,), seeds ascending; None without it."""
         runs = [self._content(arm, task, unit).arrays for unit in self._units(arm, task)]
         if not all(name in run for run in runs):
@@ -511,7 +512,7 @@ def _shared_total(studies: Sequence[StudyResults]) -> int:
     return total
 
 
-def _code(study: StudyResults) -> Any:
+def _code(study: StudyResults) -> object:
     """Return the digests of the user's code that learning the target from scratch ran."""
     key = study.record.keys[SCRATCH, study.record.target]
     units = (unit for unit in study.store.units() if unit.key == key)

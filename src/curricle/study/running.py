@@ -122,8 +122,8 @@ class Pace:
             parts.append(counted(self._workers, "worker"))
         begun, before = self._begun
         if self.units > self.stored > before:
-            left = (self.units - self.stored) * (self.clock() - begun) / (self.stored - before)
-            parts.append(f"{timedelta(seconds=round(left))} left")
+            seconds = (self.units - self.stored) * (self.clock() - begun) / (self.stored - before)
+            parts.append(f"{timedelta(seconds=round(seconds))} left")
         return ", ".join(parts)
 
 
@@ -384,7 +384,7 @@ class Training:
 
 
 def _tried(
-    training: Training, study: StudyConfig, arms: Arms, part: Any, seeds: Sequence[int], words: str
+    training: Training, study: StudyConfig, arms: Arms, part: Arms, seeds: Sequence[int], words: str
 ) -> StudyResults:
     """Train some arms of trials on further seeds, and return their results."""
     study = study.varied(seeds=list(seeds))

@@ -98,8 +98,8 @@ def check_ours(path: Place, resume: bool) -> None:
         # Damaged files are deleted, and a linked folder may hold files of other programs.
         if entry.is_symlink() and entry.is_dir() and entry.suffix != PART:
             raise StoreError(f"folders in one of results must be no links: delete {entry}")
-    ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
-    if not ours and any(entry.suffix != PART and entry.name != LOCK for entry in path.iterdir()):
+    results = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
+    if not results and any(entry.suffix != PART and entry.name != LOCK for entry in path.iterdir()):
         raise StoreError(
             f"results need an empty folder or one of earlier results: {path} holds other files"
         )
@@ -396,7 +396,7 @@ def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitContent) ->
     return StoredUnit(path, unit.key, seeds)
 
 
-def _write(folder: Place, path: Any, content: bytes) -> None:
+def _write(folder: Place, path: Place, content: bytes) -> None:
     """Write a file in a folder in one move; if that fails, the old file stays (StoreError)."""
     with write_errors(folder):
         if isinstance(folder, Path):
@@ -450,9 +450,9 @@ class StudyStore:
         self.description = self._unsealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
-            there = "no schema version" if version is None else f"schema version {version}"
+            stated = "no schema version" if version is None else f"schema version {version}"
             raise StoreError(
-                f"{self.path / STUDY} has {there} and this Curricle reads {SCHEMA_VERSION}: run "
+                f"{self.path / STUDY} has {stated} and this Curricle reads {SCHEMA_VERSION}: run "
                 "the study again into a new folder, or read it with the version that wrote it"
             )
 
@@ -509,18 +509,18 @@ class StudyStore:
         """
         description, before = dict(description), self.description
         if "configuration" in before and "configuration" in description:
-            there, here = before["configuration"], dict(description["configuration"])
-            if self.listed and there.get("snapshots") != here["snapshots"]:
+            stored, wanted = before["configuration"], dict(description["configuration"])
+            if self.listed and stored.get("snapshots") != wanted["snapshots"]:
                 raise StoreError(
                     f"snapshots are kept while a unit is trained: {self.path} holds units with "
-                    f"snapshots = {there.get('snapshots')}, and it is {here['snapshots']} here; "
+                    f"snapshots = {stored.get('snapshots')}, and it is {wanted['snapshots']} here; "
                     "set it back, or choose another folder"
                 )
             if self.listed:
-                here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
-                description["configuration"] = here
-            tuning = here.get("tuned") or here.get("tune") or {}
-            if both := sorted({*tuning.get("seeds", ())} & {*here["seeds"]}):
+                wanted["seeds"] = sorted({*stored["seeds"], *wanted["seeds"]})
+                description["configuration"] = wanted
+            tuning = wanted.get("tuned") or wanted.get("tune") or {}
+            if both := sorted({*tuning.get("seeds", ())} & {*wanted["seeds"]}):
                 raise StoreError(
                     f"seeds of tuning must be none of the study's: {both[0]} is one of those in "
                     f"{self.path}; change tune.seeds, or choose another folder"
@@ -535,10 +535,10 @@ class StudyStore:
 
     def check(self, description: Mapping[str, Any]) -> None:
         """Raise StoreError if results of another description may differ from the stored results."""
-        for name, (there, here) in differences(self.description, description):
+        for name, (old, new) in differences(self.description, description):
             raise StoreError(
-                f"{self.path} holds results of other settings: {name} is {shown(there)} there and "
-                f"{shown(here)} here; choose another folder"
+                f"{self.path} holds results of other settings: {name} is {shown(old)} there and "
+                f"{shown(new)} here; choose another folder"
             )
 
     def has(self, name: str) -> bool:

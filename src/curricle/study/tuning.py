@@ -8,6 +8,7 @@ fewer arms and further seeds.
 import math
 from collections.abc import Callable
 from itertools import product
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from curricle.candidates.candidates import source_candidates
 from curricle.comparison.choice import MOST, Choice, choose as choose_curriculum, options_of
 from curricle.comparison.opponents import OPPONENTS
+from curricle.files import Place
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import RunTable, StudyConfig, configured, of_studies
@@ -66,7 +68,7 @@ def tuned_study(study: StudyConfig, trials: StudyResults) -> StudyConfig:
     return study.varied(**fields, own_learners=True, tune=None)
 
 
-def tuned_before(study: StudyConfig, path: Any) -> StudyConfig:
+def tuned_before(study: StudyConfig, path: Place) -> StudyConfig:
     """Return a study with its best settings if a folder has all its trials; else unchanged."""
     if study.tune is None or not holds_study(path / TRIALS):
         return study
@@ -173,7 +175,7 @@ def chosen_study(study: StudyConfig, trials: StudyConfig, choice: Choice) -> Stu
     return study.varied(arms={NO_CURRICULUM: alone}, choose=None, controls=None, chosen=str(choice))
 
 
-def chosen_file(study: StudyConfig, choice: Choice, folder: Any) -> str:
+def chosen_file(study: StudyConfig, choice: Choice, folder: Path) -> str:
     """Return the text of a study file with the chosen arm, for a file in `folder`."""
     data = chosen_study(study, trial_study(study), choice).to_data()
     (arm,) = data["arms"].values()

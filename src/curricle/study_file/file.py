@@ -4,7 +4,7 @@ import json
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -82,11 +82,16 @@ def assignment(text: str) -> tuple[tuple[str, ...], dict[str, Any]]:
         return keys, nested(keys, value.strip())
 
 
-def nested(keys: Iterable[Any], value: object) -> Any:
-    """Return nested tables that have the value at these keys."""
-    for part in reversed(tuple(keys)):
-        value = {part: value}
-    return value
+def nested(keys: Sequence[str], value: object) -> dict[str, Any]:
+    """Return nested tables that have the value at these keys, one or more."""
+    first, *later = keys
+    return {first: nested(later, value) if later else value}
+
+
+def names_in(study: Mapping[str, Any], key: str) -> list[str]:
+    """Return the names of a study's tasks or arms, or the numbers of its transfers."""
+    named = study.get(key)
+    return [*map(str, range(len(named)))] if isinstance(named, list) else [*table(named)]
 
 
 def dotted(key: str) -> tuple[str, ...]:
@@ -130,7 +135,7 @@ def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _over(old: object, new: object, key: str) -> Any:
+def _over(old: object, new: object, key: str) -> object:
     """Return the new value of a key over its old value; tables of the same kind are merged."""
     if not isinstance(new, dict):
         return new
@@ -155,7 +160,7 @@ def _over(old: object, new: object, key: str) -> Any:
     return merged(old, new)
 
 
-def complete_learners(study: Mapping[str, Any], curriculum: dict[str, Any]) -> Any:
+def complete_learners(study: Mapping[str, Any], curriculum: dict[str, Any]) -> object:
     """Return a study's further learners from scratch, each merged over the target's learner."""
     learners, targets = study["scratch_learners"], NameGraph.of(curriculum).targets
     if not isinstance(learners, dict) or len(targets) != 1:
@@ -172,8 +177,8 @@ def complete_curriculum(study: Mapping[str, Any], patch: object = None) -> dict[
     base, changes = {key: study[key] for key in keys if key in study}, dict(table(patch))
     if isinstance(changes.get("tasks"), dict):
         # That a patch names an unknown task is reported elsewhere.
-        there = table(base.get("tasks"))
-        changes["tasks"] = {name: of for name, of in changes["tasks"].items() if name in there}
+        names = table(base.get("tasks"))
+        changes["tasks"] = {name: of for name, of in changes["tasks"].items() if name in names}
     plan, chosen = merged(base, changes), changes.get("transfers")
     if isinstance(chosen, list):
         transfers = base.get("transfers")
@@ -194,7 +199,7 @@ def complete_curriculum(study: Mapping[str, Any], patch: object = None) -> dict[
     return plan
 
 
-def _needed(plan: dict[str, Any], base: NameGraph) -> Any:
+def _needed(plan: dict[str, Any], base: NameGraph) -> object:
     """Return the tasks that an arm's transfers need, and the study's target."""
     graph, tasks = NameGraph.of(plan), plan.get("tasks")
     names = {name for edge in graph.edges for name in edge}
@@ -276,18 +281,18 @@ class Positions:
             return path
         name, *rest = path[trial + 1 :]
         arm, settings = self.varied.get((trial, str(name)), (name, ()))
-        here: KeyPath = ("arms", arm)
-        tables, inner = [here, cast(KeyPath, ())], rest
+        in_arm: KeyPath = ("arms", arm)
+        tables, inner = [in_arm, cast(KeyPath, ())], rest
         if rest[:1] == ["tasks"] and len(rest) > 1:
             of, inner = ("tasks", rest[1]), rest[2:]
-            tables = [(*here, *of), of, *tables]
+            tables = [(*in_arm, *of), of, *tables]
         elif rest[:1] == ["transfers"] and len(rest) > 1:
-            chosen, number, inner = self._at((*here, "transfers")), rest[1], rest[2:]
+            chosen, number, inner = self._at((*in_arm, "transfers")), rest[1], rest[2:]
             if isinstance(chosen, list):
                 entry = chosen[int(number)]
-                tables = [("transfers", entry) if type(entry) is int else (*here, *rest[:2])]
+                tables = [("transfers", entry) if type(entry) is int else (*in_arm, *rest[:2])]
             else:
-                tables = [(*here, "transfers", str(number)), ("transfers", number)]
+                tables = [(*in_arm, "transfers", str(number)), ("transfers", number)]
         for depth in range(len(inner), -1, -1):
             for base in tables:
                 place = (*base, *inner[:depth])
@@ -296,11 +301,11 @@ class Positions:
                     least = 1 if key[0] in SETTINGS else 3 if key[2] in SETTINGS else 2
                     if len(names) >= least and key[: len(names)] == names[: len(key)]:
                         return (*setting.home, *place[len(key) :], *inner[depth:])
-                if (depth or base not in (here, ())) and self._at(place) is not None:
+                if (depth or base not in (in_arm, ())) and self._at(place) is not None:
                     return (*place, *inner[depth:])
-        return tuple(rest) or here if self._at(here) is not None else tuple(rest)
+        return tuple(rest) or in_arm if self._at(in_arm) is not None else tuple(rest)
 
-    def _at(self, path: KeyPath) -> Any:
+    def _at(self, path: KeyPath) -> object:
         """Return the value at a path of the file; None if there is none."""
         node: Any = self.study
         for part in path:
@@ -364,7 +369,7 @@ class Problems:
 
 def line_numbers(text: str) -> dict[KeyPath, int]:
     """Return the line on which the statement of each key of valid TOML begins, from 1."""
-    lines, here, last = dict[KeyPath, int](), cast(KeyPath, ()), Counter[KeyPath]()
+    lines, header_path, last = dict[KeyPath, int](), cast(KeyPath, ()), Counter[KeyPath]()
 
     def note(path: KeyPath, value: object) -> None:
         lines.setdefault(path, begin)
@@ -384,17 +389,17 @@ def line_numbers(text: str) -> dict[KeyPath, int]:
         header, statement = statement.lstrip().startswith("["), ""
         if not header:
             for key, value in node.items():
-                note((*here, key), value)
+                note((*header_path, key), value)
             continue
-        here = ()
+        header_path = ()
         while node:
             ((key, node),) = node.items()
-            here = (*here, key)
-            lines.setdefault(here, begin)
+            header_path = (*header_path, key)
+            lines.setdefault(header_path, begin)
             if isinstance(node, list):
-                last[here] += 1
+                last[header_path] += 1
                 node = node[0]
-            if here in last:
-                here = (*here, last[here] - 1)
-                lines.setdefault(here, begin)
+            if header_path in last:
+                header_path = (*header_path, last[header_path] - 1)
+                lines.setdefault(header_path, begin)
     return lines

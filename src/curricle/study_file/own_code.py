@@ -63,9 +63,9 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
     return function  # type: ignore[no-any-return]
 
 
-def suggestion(word: object, known: Iterable[str]) -> str:
-    """Return ``, did you mean 'WORD'?`` with the closest known word; empty if none is close."""
-    by_lower_case = {name.lower(): name for name in known}
+def suggestion(word: object, words: Iterable[str]) -> str:
+    """Return ``, did you mean 'WORD'?`` with the closest of `words`; empty if none is close."""
+    by_lower_case = {name.lower(): name for name in words}
     close = get_close_matches(str(word).lower(), by_lower_case, n=1)
     return f", did you mean {by_lower_case[close[0]]!r}?" if close else ""
 
@@ -149,8 +149,8 @@ def _imported(path: str, name: str, place: str) -> ModuleType | None:
 
 def _exists(path: str) -> bool:
     package = path.rpartition(".")[0]
-    there = not package or package in sys.modules or _exists(package)
-    return there and importlib.util.find_spec(path) is not None
+    in_package = not package or package in sys.modules or _exists(package)
+    return in_package and importlib.util.find_spec(path) is not None
 
 
 def _package(folder: Path) -> str:

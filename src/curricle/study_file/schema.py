@@ -178,10 +178,9 @@ def as_table(value: object) -> dict[str, Any]:
     return value
 
 
-def whole_number(value: Any) -> int:
+def whole_number(value: object) -> int:
     """Return a whole number: 1000, 1_000 or 1e3."""
-    whole = isinstance(value, int) or (isinstance(value, float) and value.is_integer())
-    if not whole or isinstance(value, bool):
+    if not isinstance(value, int | float) or isinstance(value, bool) or value % 1 != 0:
         raise wrong(f"must be a whole number: got {shown(value)}")
     if abs(value) >= BEYOND_64_BITS:
         raise wrong(f"must fit into 64 bits: got {shown(value)}")
@@ -200,13 +199,13 @@ def word(
     *,
     function: bool = False,
     lists: Any = None,
-    other: Callable[[Any], Any] | None = None,
+    other: Callable[[object], object] | None = None,
 ) -> WrapValidator:
     """Return the validator of a known word; `other` validates values that are not text."""
     # With a union of both types, the message about a wrong list would say that it is no word.
     adapter = None if lists is None else TypeAdapter[Any](lists)
 
-    def checked(value: object, _: object) -> Any:
+    def checked(value: object, _: object) -> object:
         if isinstance(value, str):
             if function and ":" in value:
                 return Function(value)
@@ -291,7 +290,7 @@ class Choice:
 
     def _validated(
         self, value: object, _: ValidatorFunctionWrapHandler, info: ValidationInfo
-    ) -> Any:
+    ) -> object:
         if not isinstance(value, dict):
             return value if isinstance(value, Table) else self._of_simple(value)
         meant = self.tables[0] if len(self.tables) == 1 else self.choose(value)
@@ -383,7 +382,7 @@ def annotated(hint: object) -> Any:
         if tables and (bool in members or NoneType in members):
             made, off = tables[0], False if bool in members else None
 
-            def flag(value: object, _: object) -> Any:  # true stands for a table of defaults
+            def flag(value: object, _: object) -> object:  # true stands for a table of defaults
                 if not isinstance(value, bool):
                     raise wrong(f"must be true, false or a table: got {shown(value)}")
                 return made() if value else off
@@ -433,11 +432,11 @@ Rate = Annotated[Any, Choice(_SCHEDULES, simple=Number)]
 """A number, or the table of a schedule."""
 
 
-def named(*tables: Any, function: bool = False) -> Any:
+def named(*tables: type[Table], function: bool = False) -> Any:
     """Return the type of a table for which its name, or ``module:function``, may stand."""
     known = tags(tables)
 
-    def simple(value: object, _: object) -> Any:
+    def simple(value: object, _: object) -> object:
         if function and isinstance(value, str) and ":" in value:
             return Function(value)
         if not isinstance(value, str) or value not in known:
@@ -474,7 +473,7 @@ class _DeepLearnerTable(ObjectTable):
         if ":" in arguments["algorithm"]:
             algorithm = load(arguments["algorithm"], folder)
             arguments["algorithm"] = f"{algorithm.__module__}:{algorithm.__qualname__}"
-        settings = _loaded(arguments["settings"], folder)
+        settings = table(_loaded(arguments["settings"], folder))
         # The algorithms take tuples, such as train_freq, where TOML has lists.
         arguments["settings"] = {
             name: tuple(value) if isinstance(value, list) else value
@@ -483,14 +482,15 @@ class _DeepLearnerTable(ObjectTable):
         return arguments
 
 
-def _loaded(value: Any, folder: Path) -> Any:
+def _loaded(value: object, folder: Path) -> object:
     """Return a setting with its texts ``module:name`` replaced by the named objects."""
     if isinstance(value, dict):
         return {name: _loaded(inner, folder) for name, inner in value.items()}
     if isinstance(value, list):
         return [_loaded(inner, folder) for inner in value]
-    named = isinstance(value, str) and re.fullmatch(r"[\w.]+:[\w.]+", value)
-    return load(value, folder) if named else value
+    if isinstance(value, str) and re.fullmatch(r"[\w.]+:[\w.]+", value):
+        return load(value, folder)
+    return value
 
 
 class EpisodesTable(ObjectTable):
@@ -642,14 +642,14 @@ class _TransferTable(ObjectTable):
 
     def mismatches(self, *, deep: bool) -> Iterator[tuple[str, str]]:
         """Yield keys that do not suit a target, with messages; `deep`: a network learns it."""
-        seen = (
+        rule = (
             f"{self.target} is seen through observations, which observations, mapping = 'identity' "
             "or factory map"
         )
         if deep and self.mapping not in (None, "identity"):
-            yield "mapping", f"must be left out, or 'identity': {seen}"
+            yield "mapping", f"must be left out, or 'identity': {rule}"
             return
-        rest = seen if deep else f"{self.target} is not seen through observations"
+        rest = rule if deep else f"{self.target} is not seen through observations"
         for key in ("project", "function") if deep else OF_OBSERVATIONS:
             if getattr(self, key) is not None:
                 yield key, f"must be left out: {rest}"
@@ -658,13 +658,22 @@ class _TransferTable(ObjectTable):
         """Return the transfer with the mapping `f`."""
         return Transfer(mapping=f, **self.arguments_in(Path()))
 
-    def mapping_in(self, target: Any, source: Any, folder: Path, **of_search: Any) -> Any:
+    def mapping_in(
+        self,
+        target: Any,
+        source: Any,
+        folder: Path,
+        *,
+        fit_unmapped: bool,
+        say: Callable[[str], object],
+    ) -> object:
         """Return the mapping f of a transfer for which no family or candidate makes it."""
         value = self.unmapped_value
         if self.mapping == "auto":
             edge = f"{self.source} -> {self.target}"
-            of_search |= {"scale": self.scale, "shift": self.shift}
-            return announced(edge, target, source, value, **of_search).mapping
+            scaled = {"scale": self.scale, "shift": self.shift}
+            how = {"fit_unmapped": fit_unmapped, **scaled}
+            return announced(edge, target, source, value, say=say, **how).mapping
         if is_observation_task(target) and self.factory is None:
             functions = {key: built(getattr(self, key), folder) for key in OF_OBSERVATIONS}
             if self.mapping == "identity":

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -62,6 +62,8 @@ from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.start_states import GoalDistance, TaskWithStart, with_start
 from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 
+Made = TypeVar("Made")
+
 # -- Where episodes start: a ring around the goal, reachable states, or states a policy visits ----
 
 
@@ -102,7 +104,7 @@ _START = "be 'uniform', 'reachable', or a table with distance or visits"
 _StartWord = Annotated[str, word(_START, ("uniform", "reachable"))]
 
 
-def started(task: Any, start: Any) -> Any:
+def started(task: Any, start: StartTable | str | None) -> Any:
     """Return a task with the start of its table; the task itself if its table has none."""
     if start is None:
         return task
@@ -146,8 +148,8 @@ class TaskTable(ObjectTable, Settings):
         if shaping is not None and not self.deep and not shaping.makes.for_tables:
             yield ("shaping",), f"must be for tables, to learn {name}: got {shaping.type!r}"
         if shaping is not None and self.deep and not shaping.makes.for_networks:
-            known = ", ".join(of.makes.__name__ for of in SHAPINGS if of.makes.for_networks)
-            text = f"must be one of {known} for {name}, which a network learns: got "
+            fitting = ", ".join(of.makes.__name__ for of in SHAPINGS if of.makes.for_networks)
+            text = f"must be one of {fitting} for {name}, which a network learns: got "
             yield ("shaping",), f"{text}{shaping.type!r}"
         if self.deep and self.start_states is not None:
             text = f"must be left out for {name}: it is for tables, and a network learns {name}"
@@ -190,11 +192,16 @@ class Maker(Table):
             raise wrong(f"must have id or factory: got {'both' if self.id else 'neither'}")
         return self
 
-    def made_by(self, make: Callable[..., Any], folder: Path, **options: Any) -> Any:
+    def made_by(
+        self,
+        make: Callable[..., Made],
+        folder: Path,
+        options: Mapping[str, object],
+        encode: object = None,
+    ) -> Made:
         """Return the task that the library's function `make` makes of the environment."""
-        reference, wrapped = str(self.id or self.factory), options.pop("wrapped", None)
-        of = built(self.id or self.factory, folder)
-        maker = EnvironmentMaker(of, dict(self.arguments), built(wrapped, folder))
+        reference, of = str(self.id or self.factory), built(self.id or self.factory, folder)
+        maker = EnvironmentMaker(of, dict(self.arguments), built(encode, folder))
         with users_code(reference):
             try:
                 return make(maker, **options)
@@ -221,7 +228,7 @@ class EnvironmentTable(Maker, TaskTable):
         stated = {
             name: value for name, value in arguments if getattr(self, name, value) is not None
         }
-        return self.made_by(type(self).makes, folder, **stated)
+        return self.made_by(type(self).makes, folder, stated, getattr(self, "encode", None))
 
 
 GymnasiumTask = table_of(
@@ -242,10 +249,6 @@ GymnasiumTask = table_of(
 class _EncodedTable(EnvironmentTable):
     encode: AnyEncoder | None = None
     """An encoder of its observations: its name, a table, or module:function."""
-
-    def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments, with the encoder."""
-        return {**super().arguments_in(folder), "wrapped": self.encode}
 
 
 class _TabulatedTable(_EncodedTable):
@@ -309,9 +312,9 @@ class _DistilledTable(TaskTable):
 
     def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return the miniatures, which are solved at first use."""
-        options = {"discount": self.discount, "time_limit": self.time_limit, "wrapped": self.encode}
+        options = {"discount": self.discount, "time_limit": self.time_limit}
         members, tested_on = (
-            [maker.made_by(observation_task, folder, **options) for maker in makers]
+            [maker.made_by(observation_task, folder, options, self.encode) for maker in makers]
             for makers in (self.members, self.tested_on)
         )
         made = miniatures(*members, tested_on=tested_on, **self.arguments_in(folder))
@@ -432,7 +435,7 @@ def text_of(path: Path) -> str:
         raise ValueError(f"it is not UTF-8: {error}") from None
 
 
-def _in_order(value: object) -> Any:
+def _in_order(value: object) -> object:
     """Return a list, which stands for a set, sorted and without repetitions."""
     return tuple(sorted(set(value))) if isinstance(value, tuple) else value
 
@@ -441,18 +444,18 @@ def _without_margins(drawing: str) -> str:
     return "\n".join(line.strip() for line in drawing.strip().splitlines())
 
 
-def _cells_or(*known: str) -> Any:
+def _cells_or(*words: str) -> object:
     """Return the type of a known word or a list of cells, which stands for a set."""
-    rule = f"be {', '.join(map(repr, known))} or a list of cells"
+    rule = f"be {', '.join(map(repr, words))} or a list of cells"
     cells = tuple[Pair, ...]
     return Annotated[
-        Literal[known] | cells, word(rule, known, lists=cells), AfterValidator(_in_order)
+        Literal[words] | cells, word(rule, words, lists=cells), AfterValidator(_in_order)
     ]
 
 
-def _listed_or(rule: str, lists: object, *known: str) -> Any:
+def _listed_or(rule: str, lists: object, *words: str) -> object:
     """Return the type of a known word or a list."""
-    return Annotated[Literal[known] | lists, word(rule, known, lists=lists)]
+    return Annotated[Literal[words] | lists, word(rule, words, lists=lists)]
 
 
 class _MazeTask(TaskTable):
@@ -461,7 +464,7 @@ class _MazeTask(TaskTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _read_file(cls, data: object, info: ValidationInfo) -> Any:
+    def _read_file(cls, data: object, info: ValidationInfo) -> object:
         """Replace the key `file` by the file's map, so that the study stores the map itself."""
         if not isinstance(data, dict) or data.get("file") is None:
             return data
@@ -495,8 +498,8 @@ class CropTask(TaskTable):
         if isinstance(whole, TaskWithStart):
             whole = whole.task
         if not isinstance(whole, CROPPED):
-            known = ", ".join(kind.__name__ for kind in CROPPED)
-            raise TaskError(f"what a crop is a part of must be one of {known}: got {whole!r}")
+            kinds = ", ".join(kind.__name__ for kind in CROPPED)
+            raise TaskError(f"what a crop is a part of must be one of {kinds}: got {whole!r}")
         cropped: Any = whole
         return cropped.crop(rows=self.rows, columns=self.columns, start=self.start)
 
@@ -535,7 +538,7 @@ class FactoryTask(TaskTable):
         return made
 
 
-def _domain(makes: Any, tag: str, **types: Any) -> Any:
+def _domain(makes: Any, tag: str, **types: object) -> Any:
     """Return the table of a domain; `types` are those that differ between TOML and the class."""
     base: type[TaskTable] = TaskTable
     if issubclass(makes, GridDomain):

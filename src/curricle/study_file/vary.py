@@ -23,6 +23,7 @@ from curricle.study_file.file import (
     complete_learners,
     dotted,
     merged,
+    names_in,
     nested,
     path_text,
 )
@@ -61,9 +62,10 @@ class SweepTable(Table):
     """Every combination of the values; or the first values of all lists, the second ones, ..."""
 
 
-def _tuning_seeds(value: Any) -> tuple[int, ...]:
-    few = type(value) is int and 0 < value <= MOST_SEEDS
-    return tuple(range(FIRST_SEED, FIRST_SEED + value)) if few else seeds_of(value)
+def _tuning_seeds(value: object) -> tuple[int, ...]:
+    if type(value) is int and 0 < value <= MOST_SEEDS:
+        return tuple(range(FIRST_SEED, FIRST_SEED + value))
+    return seeds_of(value)
 
 
 def _bound(value: object) -> int | float:  # whole numbers stay whole
@@ -311,9 +313,9 @@ def _relearnt(plan: Raw, study: Raw) -> dict[str, Any]:
     tasks, stated = dict(plan["tasks"]), table(study.get("tasks"))
     for name, task in tasks.items():
         said = merged(table(study.get("learner")), table(table(stated.get(name)).get("learner")))
-        known = table(task.get("learner"))
-        values = {key: value for key, value in said.items() if key in known}
-        tasks[name] = {**task, "learner": {**known, **values}} if values else task
+        learner = table(task.get("learner"))
+        values = {key: value for key, value in said.items() if key in learner}
+        tasks[name] = {**task, "learner": {**learner, **values}} if values else task
     return {**plan, "tasks": tasks}
 
 
@@ -321,7 +323,7 @@ def _learnt_by(learner: str, alone: Make, study: Raw) -> dict[str, Any]:
     """Return the target alone with a further learner from scratch."""
     plan = alone(study)
     *_, target = plan["tasks"]
-    task = {**plan["tasks"][target], "learner": complete_learners(study, plan)[learner]}
+    task = {**plan["tasks"][target], "learner": table(complete_learners(study, plan))[learner]}
     return {**plan, "tasks": {**plan["tasks"], target: task}}
 
 
@@ -439,11 +441,10 @@ def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
 def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
     """Return why a setting cannot vary; empty if it can."""
     first, *parts = setting.key
-    if first not in (known := ("tasks", "transfers", *SETTINGS)):
-        return f"must name a setting of tasks or transfers: {first} {unknown(first, known)}"
+    if first not in (keys := ("tasks", "transfers", *SETTINGS)):
+        return f"must name a setting of tasks or transfers: {first} {unknown(first, keys)}"
     if first in ("tasks", "transfers"):
-        there = study.get(first)
-        names = list(map(str, range(len(there)))) if isinstance(there, list) else [*table(there)]
+        names = names_in(study, first)
         if parts and parts[0] not in names:
             return f"must name a key of one of the {first}: {parts[0]} {unknown(parts[0], names)}"
         if len(parts) < 2:
