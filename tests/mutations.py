@@ -203,7 +203,7 @@ MUTATIONS = [
         ("tests/unit/test_forecast.py::test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws",)),
     Mutation("candidates that differ in their start count as one", "candidates/candidates.py",
         "np.allclose(start, other_start, rtol=0, atol=ROUNDING)", "True",
-        ("tests/unit/test_source_candidates.py::test_start_rings_grow_from_the_goal",)),
+        ("tests/unit/test_source_candidates.py::test_hazards_are_removed_together_and_one_by_one",)),
     Mutation("candidates that are one task count as two", "candidates/candidates.py",
         "partitions = refined(", "return False\n    partitions = refined(",
         ("tests/unit/test_source_candidates.py::test_a_renumbered_target_is_no_candidate",)),
