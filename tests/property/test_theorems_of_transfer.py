@@ -30,15 +30,6 @@ def test_a_source_that_teaches_nothing_never_pays(mdp, share, rate):
     assert not contrast.verdict.startswith("pays")
 
 
-@given(mdps(), st.data())
-def test_identity_mapping_lifts_q_to_itself(mdp, data):
-    q = mdp.zero_at_ends(data.draw(arrays(np.float64, mdp.shape, elements=st.floats(-1e6, 1e6))))
-    task = mdp.task()
-    np.testing.assert_array_equal(cr.transfer.identity(task).read(q), q)
-    edge = cr.Transfer("itself", "itself", cr.transfer.identity(task))
-    np.testing.assert_array_equal(edge.potential(q), q)
-
-
 stacks = arrays(
     np.float64, st.tuples(*(st.integers(1, 4) for _ in range(3))), elements=st.floats(-1e6, 1e6)
 )

@@ -132,45 +132,26 @@ def test_what_is_no_list_of_outcomes_is_no_table(table):
     assert isinstance(cr.from_gymnasium(Odd, discount=0.9), cr.tasks.LiveMDP)
 
 
-OBSERVATIONS = {  # the states of two observations, and the names of their components
-    "discrete": (spaces.Discrete(4), [0, np.int64(3)], [0, 3], ["state"]),
-    "with a start": (spaces.Discrete(4, start=-1), [-1, 2], [0, 3], ["state"]),
-    "several": (
-        spaces.MultiDiscrete([2, 3], start=[0, 5]),
-        [np.array([0, 5]), np.array([1, 6])],
-        [0, 4],
-        ["state_1", "state_2"],
-    ),
-    "binary": (
-        spaces.MultiBinary([2, 1]),
-        [np.array([[0], [1]], np.int8)] * 2,
-        [1, 1],
-        ["state_1", "state_2"],
-    ),
-    "a box of whole numbers": (
-        spaces.Box(np.array([[0, -1]]), np.array([[2, 1]]), dtype=np.int64),
-        [np.array([[0, -1]]), np.array([[2, 0]])],
-        [0, 7],
-        ["state_1", "state_2"],
-    ),
-    "tuple": (
-        spaces.Tuple([spaces.Discrete(3), spaces.Tuple([spaces.Discrete(2), spaces.Discrete(2)])]),
-        [(2, (0, 1)), (0, (1, 0))],
-        [9, 2],
-        ["state_1", "state_2_1", "state_2_2"],
-    ),
-    "dict": (
-        spaces.Dict(card=spaces.Discrete(3), dice=spaces.MultiDiscrete([6, 6])),
-        [{"dice": np.array([1, 2]), "card": 1}, {"card": 2, "dice": np.array([5, 5])}],
-        [44, 107],
-        ["card", "dice_1", "dice_2"],
-    ),
-}
+NUMBER, PAIR = spaces.Discrete, spaces.Tuple([TWO, TWO])
+DICE = spaces.Dict(card=NUMBER(3), dice=spaces.MultiDiscrete([6, 6]))
+ROLLED = [{"dice": np.array([1, 2]), "card": 1}, {"card": 2, "dice": np.array([5, 5])}]
+BOX_OF_NUMBERS = spaces.Box(np.array([[0, -1]]), np.array([[2, 1]]), dtype=np.int64)
+OBSERVATIONS = [  # two observations of a space, their states, and the names of their components
+    (NUMBER(4), [0, np.int64(3)], [0, 3], ["state"]),
+    (NUMBER(4, start=-1), [-1, 2], [0, 3], ["state"]),
+    (spaces.MultiDiscrete([2, 3], start=[0, 5]), [np.array([0, 5]), np.array([1, 6])], [0, 4],
+     ["state_1", "state_2"]),
+    (spaces.MultiBinary([2, 1]), [np.array([[0], [1]], np.int8)] * 2, [1, 1],
+     ["state_1", "state_2"]),
+    (BOX_OF_NUMBERS, [np.array([[0, -1]]), np.array([[2, 0]])], [0, 7], ["state_1", "state_2"]),
+    (spaces.Tuple([NUMBER(3), PAIR]), [(2, (0, 1)), (0, (1, 0))], [9, 2],
+     ["state_1", "state_2_1", "state_2_2"]),
+    (DICE, ROLLED, [44, 107], ["card", "dice_1", "dice_2"]),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", OBSERVATIONS)
-def test_observations_are_numbered(kind):
-    space, observations, expected, names = OBSERVATIONS[kind]
+@pytest.mark.parametrize(("space", "observations", "expected", "names"), OBSERVATIONS)
+def test_observations_are_numbered(space, observations, expected, names):
     world = {"observation_space": space, "action_space": TWO, "observations": observations}
     task = cr.from_gymnasium(Echo, discount=0.9, time_limit=9, **world)
     seen = cr.planning.rollout(task, np.zeros(task.states.size, int)).states.tolist()
