@@ -17,7 +17,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.learning.portfolio import SOURCE, Tally, next_turn
+from curricle.learning.portfolio import SOURCE, Tally, Turn, next_turn
 from curricle.tasks.kernel import compiled, splitmix64
 
 STEPS, VISITS = 200_000, 2500
@@ -114,7 +114,7 @@ def _turns(portfolio, tally, turns, acted):
     acting = SOURCE
     for i in range(len(turns)):
         acted[i] = acting
-        turn = acting, np.uint64(turns[i, 0]), turns[i, 1], turns[i, 2 + acting]
+        turn = Turn(acting, np.uint64(turns[i, 0]), turns[i, 1], turns[i, 2 + acting])
         acting = next_turn(portfolio, tally, turn, splitmix64(np.uint64(turns[i, 4])))
 
 

@@ -11,6 +11,7 @@ from curricle.learning.portfolio import (
     SOURCE,
     UNDECIDED,
     Tally,
+    Turn,
     add_turn,
     longest_turn,
     source_share,
@@ -64,7 +65,7 @@ def share_after(other, source, starts=(0,), portfolio=PORTFOLIO):
 
 def _share_after(tally, members, states, returns, portfolio):
     for k in range(len(members)):
-        add_turn(portfolio, tally, (members[k], states[k], 1, returns[k]))
+        add_turn(portfolio, tally, Turn(members[k], states[k], 1, returns[k]))
     return source_share(tally)
 
 

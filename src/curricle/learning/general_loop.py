@@ -30,13 +30,14 @@ from curricle.learning.portfolio import (
     UNDECIDED,
     PortfolioKernel,
     Tally,
+    Turn,
     horizon_of,
     next_turn,
     optimistic_rate,
 )
-from curricle.learning.record import Record, noted_end
+from curricle.learning.record import Checkpoint, Record, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
-from curricle.learning.stopping import StoppingKernel, stops
+from curricle.learning.stopping import StoppingKernel
 from curricle.learning.storage import StaticInt, tie_bits
 from curricle.planning.greedy import ACTION, ONLY_ROW, acting_rows, best_of, greedy_actions, highest
 from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, greedy_return
@@ -123,6 +124,25 @@ class Course(NamedTuple):
     noting: int  # the address of :func:`note`
 
 
+class Transition(NamedTuple):
+    """A step, as all learners learn from it."""
+
+    state: np.uint64
+    action: np.uint64
+    reward: float
+    next_state: np.uint64
+    terminated: bool
+
+
+class Choice(NamedTuple):
+    """What a target depends on beside the values."""
+
+    table: np.uint64  # that is updated
+    coin: np.uint64  # the bits that chose it
+    step: int
+    next_action: np.uint64  # of SARSA
+
+
 @inlined
 def is_spent(course, step, episodes):
     """Return whether a run has used its steps or its episodes, or was interrupted a while ago."""
@@ -175,7 +195,7 @@ def train(model, rule, learners, course):
 
 @inlined  # so that no reference to an array is counted, which takes time to run and to compile
 def learn_all(model, rule, learners, course):
-    """Do what :func:`train` says."""
+    """Learn as :func:`train` says."""
     # Unsigned indices of learners, tables and actions need no test for being negative.
     n, last = np.uint64(len(learners.n)), np.uint64(learners.q.shape[1] - 1)
     discount, record = course.discount, course.record
@@ -198,9 +218,9 @@ def learn_all(model, rule, learners, course):
                 share = tally.share[0]
                 evaluated = shaped if share > UNDECIDED else LEARNT
             value = greedy_return(course.evaluation, model, acted_on(learners, evaluated))
-            so_far = step, episodes, ended, ended_return, value, share
+            reached = Checkpoint(checkpoint, step, episodes, ended, ended_return, value, share)
             q, other = learners.q[evaluated, FIRST], learners.q[evaluated, last]
-            if called(course.noting, (record, course.stopping, checkpoint, so_far, q, other)) > 0.0:
+            if called(course.noting, (record, course.stopping, reached, q, other)) > 0.0:
                 return step, episodes
             checkpoint += 1
             ended, ended_return = 0, 0.0
@@ -232,12 +252,13 @@ def learn_all(model, rule, learners, course):
         if shaping.kind == STATE and not terminated:
             next_potential = weight * state_potential(shaping, next_state, step)
         if shaping.kind != PLAIN:
-            pair = state, action
-            extra, carried = shaping_reward(shaping, discount, pair, carried, next_potential)
+            extra, carried = shaping_reward(
+                shaping, discount, state, action, carried, next_potential
+            )
         if optimism:
             horizon = horizon_of(tally, turn_length + 1)
-            outcome = reward, next_state, terminated
-            learn_optimistically(learners, horizon, discount, (state, action), outcome)
+            taken = Transition(state, action, reward, next_state, terminated)
+            learn_optimistically(learners, horizon, discount, taken)
         for learner in range(shaped if optimism else np.uint64(0), n):
             target = reward + (extra if learner == shaped else 0.0)
             # Cutting off at the time limit is not termination: it bootstraps like any other step.
@@ -249,7 +270,7 @@ def learn_all(model, rule, learners, course):
                     drawn_next = decide(learners, rule, next_state, step, counter, False)
                     next_action, learners.bits[learner], counter, _ = drawn_next
                     learners.action[learner] = next_action
-                choice = table, coin, step, next_action
+                choice = Choice(table, coin, step, next_action)
                 target = td_target(rule, learners, learner, discount, target, next_state, choice)
             tables, real = learners.q[learner], learners.q.dtype.type  # in the tables' precision
             old = tables[table, state, action]
@@ -270,7 +291,7 @@ def learn_all(model, rule, learners, course):
             turn_length, earned = turn_length + 1, earned + factor * reward
             factor *= discount
             if fresh or turn_length >= course.turn:
-                turn = SOURCE if acting == shaped else OTHER, start, turn_length, earned
+                turn = Turn(SOURCE if acting == shaped else OTHER, start, turn_length, earned)
                 chance, counter = splitmix64(counter), counter + STRIDE
                 member = next_turn(learners.portfolio, tally, turn, chance)
                 acting = shaped if member == SOURCE else shaped - np.uint64(1)
@@ -324,16 +345,14 @@ def sarsa_target(q, reward, discount, next_state, next_action):
 
 
 @inlined
-def expected_sarsa_target(q, reward, discount, next_state, expected):
+def expected_sarsa_target(q, reward, discount, next_state, exploration, values, step):
     """Return r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009)."""
-    exploration, values, step = expected
     return reward + discount * expected_value(exploration, q, next_state, values, step)
 
 
 @inlined
-def double_q_learning_target(q, reward, discount, next_state, update):
+def double_q_learning_target(q, reward, discount, next_state, table, coin):
     """Return r + gamma Q_other(s', argmax_b Q(s', b)), of two tables (van Hasselt 2010)."""
-    table, coin = update
     best = best_of(q[table], next_state, coin)[1] & ACTION
     return reward + discount * np.float64(q[SECOND - table, next_state, best])
 
@@ -342,31 +361,30 @@ def double_q_learning_target(q, reward, discount, next_state, update):
 def td_target(rule, learners, learner, discount, reward, next_state, choice):
     """Return the target of a learner's update rule.
 
-    `choice` are the table that is updated, the bits that chose it, the step, and SARSA's next
-    action; ``learners.values`` are those that a policy acts on in s'.
+    ``learners.values`` are those that a policy acts on in s'.
     """
-    q, (table, coin, step, next_action) = learners.q[learner], choice
+    q = learners.q[learner]
     if rule.update == SARSA_RULE:
-        return sarsa_target(q, reward, discount, next_state, next_action)
+        return sarsa_target(q, reward, discount, next_state, choice.next_action)
     if rule.update == EXPECTED_SARSA:
-        expected = rule.exploration, learners.values, step
-        return expected_sarsa_target(q, reward, discount, next_state, expected)
+        return expected_sarsa_target(
+            q, reward, discount, next_state, rule.exploration, learners.values, choice.step
+        )
     if rule.update == DOUBLE_Q_LEARNING:
-        return double_q_learning_target(q, reward, discount, next_state, (table, coin))
+        return double_q_learning_target(q, reward, discount, next_state, choice.table, choice.coin)
     return q_learning_target(q, reward, discount, next_state)
 
 
 @inlined
-def learn_optimistically(learners, horizon, discount, pair, outcome):
+def learn_optimistically(learners, horizon, discount, taken):
     """Update the optimist: the values that start at the highest and, beside them, at the lowest."""
-    (state, action), (reward, next_state, terminated) = pair, outcome
-    real = learners.q.dtype.type
+    state, action, real = taken.state, taken.action, learners.q.dtype.type
     learners.visits[state, action] += 1
     rate = real(optimistic_rate(horizon, learners.visits[state, action]))
     for learner in range(np.uint64(N_OPTIMISTIC - 1)):
-        q, target = learners.q[learner], real(reward)
-        if not terminated:
-            next_value = highest(q[FIRST], next_state)
+        q, target = learners.q[learner], real(taken.reward)
+        if not taken.terminated:
+            next_value = highest(q[FIRST], taken.next_state)
             if learner != LEARNT and next_value > learners.highest:
                 next_value = real(learners.highest)
             target += real(discount) * next_value
@@ -385,38 +403,11 @@ def state_potential(shaping, state, step):
 
 
 @inlined
-def shaping_reward(shaping, discount, pair, carried, next_potential):
+def shaping_reward(shaping, discount, state, action, carried, next_potential):
     """Return the number that shaping adds to a step's reward, and its carry to the next step.
 
     `next_potential` is w(t') Phi(s', t'), 0 where an episode has ended (Grzes 2017).
     """
-    state, action = pair
     if shaping.kind == STATE:  # F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999)
         return discount * next_potential - carried, next_potential
     return shaping.pair_values[state, action], 0.0  # a bonus
-
-
-# -- checkpoints -----------------------------------------------------------------------------------
-
-
-def note(record, stopping, checkpoint, so_far, q, other):
-    """Fill a checkpoint of a record; return 1 where the stopping rule ends the run there, else 0.
-
-    `so_far` are the steps, the episodes, the number and returns of those ended since the last
-    checkpoint, the greedy return, and the source's share; `q` and `other`, (S, A), have Q as mean;
-    or every n-th row of (n S, A).
-    """
-    step, episodes, ended, ended_return, value, share = so_far
-    record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
-    record.greedy_return[checkpoint] = value
-    record.source_share[checkpoint] = share
-    record.episodes[checkpoint] = episodes
-    for i in range(record.snapshot_at.shape[0]):
-        if record.snapshot_at[i] == checkpoint:
-            apart = q.shape[0] // record.snapshots.shape[1]
-            for state in range(record.snapshots.shape[1]):
-                for action in range(q.shape[1]):
-                    mean = 0.5 * (q[apart * state, action] + other[apart * state, action])
-                    record.snapshots[i, state, action] = mean
-    record.stopped[0] = stops(stopping, record.greedy_return, checkpoint, step)
-    return 1.0 if record.stopped[0] else 0.0

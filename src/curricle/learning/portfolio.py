@@ -147,6 +147,15 @@ class Members(NamedTuple):
     learnt: DenseTable  # of the optimist
 
 
+class Turn(NamedTuple):
+    """A turn that has ended."""
+
+    acting: np.uint64  # who acted
+    start: np.uint64  # its first state
+    length: int  # its steps
+    earned: float  # its discounted return
+
+
 def longest_turn(discount: float, time_limit: int) -> int:
     """Return the steps after which a turn ends, if no episode has ended before."""
     if discount == 1 or time_limit * (1 - discount) <= WHOLE:
@@ -184,18 +193,18 @@ def averaged(tally, place, earned):
 
 @inlined
 def add_turn(portfolio, tally, turn):
-    """Add a turn to the tally: who acted, its first state, its steps and its discounted return."""
-    acting, start, length, earned = turn
+    """Add a turn to the tally."""
+    acting, start = turn.acting, turn.start
     anywhere = np.uint64(tally.starts.shape[0] - 1)
     place = start if tally.starts[start] > 0 else anywhere
-    score = earned - tally.returns[place] if tally.starts[place] > 0 else 0.0
-    averaged(tally, start, earned)
-    averaged(tally, anywhere, earned)
+    score = turn.earned - tally.returns[place] if tally.starts[place] > 0 else 0.0
+    averaged(tally, start, turn.earned)
+    averaged(tally, anywhere, turn.earned)
     tally.turns[acting] += 1.0
     total = tally.turns[OTHER] + tally.turns[SOURCE]
     tally.last[acting] = total
     part = 1.0 / total if total * HORIZON < 1.0 else HORIZON
-    tally.share[1] += part * (length - tally.share[1])
+    tally.share[1] += part * (turn.length - tally.share[1])
     memory = portfolio.memory if 10.0 * portfolio.memory > total else total / 10.0
     part = 1.0 / (tally.turns[acting] if tally.turns[acting] < memory else memory)
     deviation = score - tally.mean[acting]

@@ -17,13 +17,16 @@ from curricle.arrays import FloatArray, FloatTable, Frozen, IntArray, frozen
 from curricle.checks import BEYOND_64_BITS, indices, number, numbers, whole_number
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule
-from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows, read_table
+from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows
 from curricle.tasks.mdp import Task, available_actions, duplicated, generative_model
 from curricle.text import brief_repr
 
 LARGEST_POTENTIAL = 1e15
 """Numbers of this size are stored in steps of 1/8: rewards of ordinary size no longer change them.
 Near 1e308 learning overflows."""
+
+
+ROWS = 1024  # of a table that are computed at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +270,11 @@ class MappedPotential(PairPotential):
 
     def fill(self, q: FloatTable, initial: float) -> None:
         """Write initial + phi(s, a) into a table, (S, A)."""
-        read_table(self.lookup._replace(initial=initial), q)
+        lookup, rows = self.lookup._replace(initial=initial), np.empty((ROWS, q.shape[1]))
+        for first in range(0, len(q), ROWS):  # one type of array, so that it is compiled once
+            states = np.arange(first, min(first + ROWS, len(q)))
+            read_rows(lookup, states, rows)
+            q[first : first + ROWS] = rows[: len(states)]
 
     def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
         """Return phi(s, a) of n states, (n, A) float64, without computing other states."""

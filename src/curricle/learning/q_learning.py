@@ -14,11 +14,12 @@ from curricle.learning.portfolio import (
     OTHER,
     SOURCE,
     UNDECIDED,
+    Turn,
     horizon_of,
     next_turn,
     optimistic_rate,
 )
-from curricle.learning.record import noted_end
+from curricle.learning.record import Checkpoint, noted_end
 from curricle.learning.schedules import rate_of
 from curricle.learning.storage import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import ACTION, TIED, best_of, highest
@@ -35,7 +36,7 @@ from curricle.tasks.kernel import (
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 NO_ROW = np.uint64(2**64 - 1)
-BOLD, SOBER, VISITS = np.uint64(1), np.uint64(2), np.uint64(3)
+OPTIMISTIC, LEARNT, VISITS = np.uint64(1), np.uint64(2), np.uint64(3)
 """The rows of a portfolio's state after the source's: the optimist's two, and of pairs' visits."""
 MOST_VISITS = np.uint32(2**32 - 1)
 
@@ -63,32 +64,45 @@ def _double(beside, q, number):
     return np.float64(number)
 
 
+class Change(NamedTuple):
+    """An update of a pair of the row that an action was taken in."""
+
+    action: np.uint64
+    rate: float
+    target: float
+    bits: np.uint64  # break a tie
+
+
+class OptimistChange(NamedTuple):
+    """The targets of a portfolio's optimist for the same pair."""
+
+    horizon: float
+    optimistic: float
+    learnt: float
+
+
 @inlined
 def update(q, best, greedy, row, change):
-    """Move q(row, action) towards the target, and update the row's maximum and greedy action.
-
-    `change` are the action, the learning rate, the target and 64 bits that break a tie.
-    """
-    action, rate, target, bits = change
+    """Move q(row, action) towards the target, and update the row's maximum and greedy action."""
+    action = change.action
     old = q[row, action]
-    new = q.dtype.type(old + rate * (target - old))
+    new = q.dtype.type(old + change.rate * (change.target - old))
     if new != old:
         q[row, action] = new
         if new > best[row]:
             best[row], greedy[row] = new, action
         elif old == best[row] or new == best[row]:
-            best[row], greedy[row] = best_of(q, row, bits)
+            best[row], greedy[row] = best_of(q, row, change.bits)
     elif np.uint64(greedy[row]) == action | TIED:
-        greedy[row] = best_of(q, row, bits)[1]  # each visit draws afresh among several
+        greedy[row] = best_of(q, row, change.bits)[1]  # each visit draws afresh among several
 
 
 @inlined
 def update_value(q, best, row, change):
-    """Do what :func:`update` does, but for the greedy action."""
-    action, rate, target = change
-    old = q[row, action]
-    new = q.dtype.type(old + rate * (target - old))
-    q[row, action] = new
+    """Update the pair's value and the row's maximum, as no learner acts on its greedy action."""
+    old = q[row, change.action]
+    new = q.dtype.type(old + change.rate * (change.target - old))
+    q[row, change.action] = new
     if new > best[row]:
         best[row] = new
     elif new < old and old == best[row]:
@@ -96,19 +110,18 @@ def update_value(q, best, row, change):
 
 
 @inlined
-def update_all(table, members, row, learnt):
+def update_all(table, members, row, change, optimist):
     """Update a row, and in a portfolio those of the optimist beside it."""
-    change, (horizon, hoped, expected) = learnt
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
     update(q, best, greedy, row, change)
     if members is not None:
-        action, _, _, bits = change
+        action, bits = change.action, change.bits
         visits = members.visits[row + VISITS, action]
         visits += np.uint64(visits < MOST_VISITS)
         members.visits[row + VISITS, action] = visits
-        rate = q.dtype.type(optimistic_rate(horizon, visits))
-        update(q, best, greedy, row + BOLD, (action, rate, hoped, bits))
-        update_value(q, best, row + SOBER, (action, rate, expected))
+        rate = q.dtype.type(optimistic_rate(optimist.horizon, visits))
+        update(q, best, greedy, row + OPTIMISTIC, Change(action, rate, optimist.optimistic, bits))
+        update_value(q, best, row + LEARNT, Change(action, rate, optimist.learnt, bits))
 
 
 def train_q_learning(model, rule, tables, course):
@@ -123,7 +136,7 @@ def train_q_learning(model, rule, tables, course):
 
 @inlined  # so that no reference to an array is counted, which takes time to run and to compile
 def learn_fast(model, rule, tables, beside, members, course):
-    """Do what :func:`train_q_learning` says."""
+    """Learn as :func:`train_q_learning` says."""
     # Where `beside` or `members` is None, Numba leaves out what is done with it, as an argument.
     #
     # Rows of a far table arrive late from memory. There the update of a step is made during the
@@ -139,8 +152,10 @@ def learn_fast(model, rule, tables, beside, members, course):
     ended_return, episode_return, counter = 0.0, 0.0, course.stream + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
-    also, change = (0.0, nothing, nothing), (np.uint64(0), nothing, nothing, np.uint64(0))
-    pending, pending_change = NO_ROW, (change, also)
+    change, optimist = Change(np.uint64(0), nothing, nothing, np.uint64(0)), None
+    if members is not None:
+        optimist = OptimistChange(0.0, nothing, nothing)
+    pending = NO_ROW
     share, acting, start, begun, earned, factor = np.nan, SOURCE, state, step, 0.0, 1.0
     while True:
         if step == checkpoint * eval_freq:
@@ -148,8 +163,8 @@ def learn_fast(model, rule, tables, beside, members, course):
                 share = members.tally.share[0]
                 learnt = members.source if share > UNDECIDED else members.learnt
             value = greedy_return(course.evaluation, model, learnt)
-            so_far = step, episodes, ended, ended_return, value, share
-            noted = record, course.stopping, checkpoint, so_far, learnt.q, learnt.q
+            reached = Checkpoint(checkpoint, step, episodes, ended, ended_return, value, share)
+            noted = record, course.stopping, reached, learnt.q, learnt.q
             if called(course.noting, noted) > 0.0:
                 return step, episodes
             checkpoint += 1
@@ -163,24 +178,24 @@ def learn_fast(model, rule, tables, beside, members, course):
         while step < stop:
             actor, optimistic = row, False
             if members is not None and acting == OTHER:
-                actor, optimistic = row + BOLD, True
+                actor, optimistic = row + OPTIMISTIC, True
             drawn = explore(rule.exploration, q, actor, best[actor], step, counter)
             action, bits, counter, exploits = drawn
             if exploits or optimistic:
                 action = np.uint64(greedy[actor]) & ACTION
             next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
             next_row = row_of(table, next_state, terminated)
-            if is_full(table, next_row):
-                row = next_row
-                break
             if far:
                 if members is None:
                     prefetch(q, next_row)
                 else:
                     prefetch(members.blocks, next_state)
             if pending != NO_ROW:
-                update_all(table, members, pending, pending_change)
+                update_all(table, members, pending, change, optimist)
                 pending = NO_ROW
+            if is_full(table, next_row):
+                row = next_row
+                break
             target = as_learnt(beside, q, reward)
             counted = row if members is None else state
             rate = as_learnt(beside, q, rate_of(rule.learning_rate, counted, action, step))
@@ -189,34 +204,33 @@ def learn_fast(model, rule, tables, beside, members, course):
                 if beside is not None and not after < beside.highest:
                     after = beside.highest  # rewards at discount 1 could raise optimism too far
                 target += discount * after
-            change = action, rate, target, bits
+            change = Change(action, rate, target, bits)
             if beside is not None:
                 target = reward
                 if not terminated:
                     target += discount * np.float64(learnt.row_max[next_row])
-                other, of_q = (action, rate, target, bits), of_width(learnt.q, learnt.width)
+                other, of_q = Change(action, rate, target, bits), of_width(learnt.q, learnt.width)
                 update(of_q, learnt.row_max, learnt.row_argmax, row, other)
             if members is not None:
                 hoped = expected = q.dtype.type(reward)
                 if not terminated:
-                    after = best[next_row + BOLD]
+                    after = best[next_row + OPTIMISTIC]
                     after = after if after < members.highest else q.dtype.type(members.highest)
                     hoped += discount * after
-                    expected += discount * best[next_row + SOBER]
+                    expected += discount * best[next_row + LEARNT]
                 horizon = horizon_of(members.tally, step + 1 - begun)
-                also = horizon, hoped, expected
+                optimist = OptimistChange(horizon, hoped, expected)
             ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)
-            if far and not ends and next_row != row:
-                pending, pending_change = row, (change, also)
+            if far and not ends and next_row != row and step + 1 < stop:
+                pending = row
             else:
-                update_all(table, members, row, (change, also))
-
+                update_all(table, members, row, change, optimist)
             step, episode_return = step + 1, episode_return + reward
             state, row = next_state, next_row
             if members is not None:  # the learners are compared by what the task maximises
                 earned, factor = earned + factor * reward, factor * course.discount
                 if ends or step - begun >= course.turn:
-                    turn = acting, start, step - begun, earned
+                    turn = Turn(acting, start, step - begun, earned)
                     chance, counter = splitmix64(counter), counter + STRIDE
                     acting = next_turn(members.portfolio, members.tally, turn, chance)
                     start, begun, earned, factor = state, step, 0.0, 1.0
@@ -230,6 +244,3 @@ def learn_fast(model, rule, tables, beside, members, course):
                 row, start = row_of(table, state, False), state
                 if is_full(table, row) or has_failed(model):
                     break
-        if pending != NO_ROW:
-            update_all(table, members, pending, pending_change)
-            pending = NO_ROW

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
+from curricle.learning.stopping import stops
 from curricle.progress import HALTED
 from curricle.tasks.kernel import inlined
 from curricle.text import brief_repr
@@ -74,6 +75,41 @@ class Record(NamedTuple):
         stopped = np.zeros(1, np.bool_)
         kinds = kept, tables, ends, stopped, HALTED.get()
         return cls(returns, greedy, source_share, episodes, *kinds)
+
+
+class Checkpoint(NamedTuple):
+    """What a loop has to note at a checkpoint."""
+
+    number: int  # 0 before the first step
+    step: int
+    episodes: int
+    ended: int  # episodes since the last checkpoint
+    ended_return: float  # their returns
+    greedy_return: float
+    source_share: float
+
+
+def note(record, stopping, reached, q, other):
+    """Fill a checkpoint of a record; return 1 where the stopping rule ends the run there, else 0.
+
+    `q` and `other`, (S, A), have Q as mean; or every n-th row of (n S, A).
+    """
+    number = reached.number
+    record.training_return[number] = (
+        reached.ended_return / reached.ended if reached.ended > 0 else np.nan
+    )
+    record.greedy_return[number] = reached.greedy_return
+    record.source_share[number] = reached.source_share
+    record.episodes[number] = reached.episodes
+    for i in range(record.snapshot_at.shape[0]):
+        if record.snapshot_at[i] == number:
+            apart = q.shape[0] // record.snapshots.shape[1]
+            for state in range(record.snapshots.shape[1]):
+                for action in range(q.shape[1]):
+                    mean = 0.5 * (q[apart * state, action] + other[apart * state, action])
+                    record.snapshots[i, state, action] = mean
+    record.stopped[0] = stops(stopping, record.greedy_return, number, reached.step)
+    return 1.0 if record.stopped[0] else 0.0
 
 
 @inlined

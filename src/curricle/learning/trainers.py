@@ -12,12 +12,12 @@ import numpy as np
 
 from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.errors import SettingError
-from curricle.learning.general_loop import Acting, Course, Learners, note, train
+from curricle.learning.general_loop import Acting, Course, Learners, train
 from curricle.learning.learners import Q_LEARNING, Learner, OptimisticQLearning
 from curricle.learning.portfolio import NO_PORTFOLIO, UNDECIDED, Members, Tally, longest_turn
 from curricle.learning.potential import PairPotential
 from curricle.learning.q_learning import Beside, train_q_learning
-from curricle.learning.record import Record
+from curricle.learning.record import Checkpoint, Record, note
 from curricle.learning.result import Outcome
 from curricle.learning.seeds import SeedSettings
 from curricle.learning.shaping import QInitialisation, Shaping
@@ -144,7 +144,7 @@ class Run:
         if n_tables := self.learner.counts:
             rows = self.rows + 1 if self.rows else n_tables * n_states
             visits = np.zeros((rows, n_actions), np.int64)
-        noted = seed.record, self.stopping, 0, (0, 0, 0, 0.0, 0.0, 0.0)  # for the types
+        noted = seed.record, self.stopping, Checkpoint(0, 0, 0, 0, 0.0, 0.0, 0.0)  # for the types
         with open_model(self.task, seed.start, q) as model:
             course = Course(
                 discount,

@@ -221,16 +221,6 @@ def read_row(lookup, state, out):
 
 
 @compiled_once
-def read_table(lookup, q):
-    """Write initial value + phi into every row of a table, (S, A)."""
-    row = np.empty(q.shape[1])  # a table may have float32: numbers are rounded once, when written
-    for state in range(np.uint64(q.shape[0])):
-        read_row(lookup, state, row)
-        for action in range(row.shape[0]):
-            q[state, action] = row[action]
-
-
-@compiled_once
 def read_rows(lookup, states, q):
     """Write initial value + phi of n states into a table of n rows, (n, A) float64."""
     for i in range(states.shape[0]):

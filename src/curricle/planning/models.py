@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
 from curricle.tasks.graph import improper_states, rows_in_use, steps_to
-from curricle.tasks.kernel import Overloaded, compiled_once
+from curricle.tasks.kernel import Overloaded, compiled_once, outlined
 from curricle.tasks.mdp import FiniteMDP, Task, tables
 from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
 
@@ -78,7 +78,7 @@ def iterate(backup, values, precision, iteration, most):
     return sweep + 1, change, least, waited, reach
 
 
-@compiled_once
+@outlined
 def largest_of(values):
     """Return max |V|."""
     largest = 0.0
@@ -87,7 +87,7 @@ def largest_of(values):
     return largest
 
 
-@compiled_once
+@outlined
 def converged(change, least, waited, values, reach, precision):
     """Return for how many backups there has been no progress, or CONVERGED to end."""
     # It ends if the residual (gamma times the change, plus the rounding of a backup: `unit` times
@@ -250,7 +250,7 @@ def _mixed_policy_backup(backup, values, sweep):
     return mixed_policy_backup(backup.policy, backup.outcomes.terminal, backup.rows, values)
 
 
-@compiled_once
+@outlined
 def mixed_policy_backup(policy, terminal, rows, values):
     """Make values the policy's mean of their rows; return the largest change."""
     first, row, weight = policy
@@ -295,7 +295,7 @@ def _extrapolation(backup, values, sweep, precision, progress):
     return largest_of(values)
 
 
-@compiled_once
+@outlined
 def extrapolate(values, step, last):
     """Extrapolate along the last step; return whether it was done."""
     # After two equal linear sweeps, V + last and then V + last + step, the sweep from the mixture
@@ -381,7 +381,7 @@ def expect(planes, values, cell, plane):
             plane[index] += chance * source[index]
 
 
-@compiled_once
+@outlined
 def best_of_moves(plane, landing, best):
     """Write the best over the moves of the first predator, the slowest axis, into `best`."""
     n_cells, n_moves = landing.shape
@@ -399,7 +399,7 @@ def best_of_moves(plane, landing, best):
                 target[index] = source[index] if source[index] > target[index] else target[index]
 
 
-@compiled_once
+@outlined
 def next_predator_first(plane, n_cells, turned):
     """Write the plane with its first axis moved to the end into `turned`."""
     n = len(plane) // n_cells
@@ -409,7 +409,7 @@ def next_predator_first(plane, n_cells, turned):
             target[index, cell] = source[cell, index]
 
 
-@compiled_once
+@outlined
 def keep(best, terminal, values, start, worst):
     """Store a plane, terminal states at 0; `worst` collects the largest change of each entry."""
     n = len(best)

@@ -345,7 +345,8 @@ def exact_return(evaluation, view):
 def write_chain(evaluation, view):
     """Write the chain of the greedy policy, from the start states to all that it reaches."""
     tables, chain, reached = evaluation.tables, evaluation.chain, evaluation.alive[0]
-    chain.first[:] = -1
+    for state in range(chain.first.shape[0]):  # an assignment of all compiles for longer
+        chain.first[state] = -1
     n_reached, end = tables.start_states.shape[0], np.int64(0)
     for i in range(n_reached):
         reached[i] = tables.start_states[i]

@@ -6,7 +6,7 @@ A random stream is a (1,) uint64 counter: drawing adds a constant and mixes the 
 
 import hashlib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 from numbers import Integral
@@ -20,6 +20,8 @@ from numba._dispatcher import compute_fingerprint
 from numba.core import cgutils, codegen, compiler, imputils, typed_passes
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler_machinery import register_pass
+from numba.core.cpu import CPUContext
+from numba.core.typing.templates import Signature
 from numba.extending import intrinsic, overload
 
 from curricle.checks import number, whole_number
@@ -125,7 +127,7 @@ class _PartLowering(typed_passes.NativeLowering):
 
     _name = "part_lowering"
 
-    def run_pass(self, state: Any) -> bool:
+    def run_pass(self, state: compiler.StateDict) -> bool:
         """Lower the function; Python has no entry to it."""
         cpu = state.targetctx
         state.library = _Part(cpu.codegen(), state.func_id.func_qualname)
@@ -172,6 +174,8 @@ INLINED: Any = {
 """How a function is compiled into its callers, without an entry from Python."""
 inlined = njit(**INLINED)
 """Compiles a function for loops. Python must not call it, as that would end the process."""
+outlined = njit(**{**INLINED, "forceinline": False})
+"""The same for what is long, or seldom runs: loops may call it."""
 
 
 def compiled_as(body: Callable[..., Any]) -> Callable[[Function], Function]:
@@ -193,7 +197,7 @@ class Overloaded:
     def __init__(self, function: Body, *, outlined: bool = False, otherwise: Body | None = None):
         self.bodies: dict[type, Body] = {}
 
-        def choose(first: object, *_: Any) -> Body | None:
+        def choose(first: object, *_: object) -> Body | None:
             return self.bodies.get(getattr(first, "instance_class", type(None)), otherwise)
 
         options: Any = {**INLINED, "forceinline": not outlined}
@@ -216,7 +220,7 @@ class Overloaded:
 # each loop anew.
 
 
-CALLABLE = set[tuple[Any, ...]]()  # the types of arguments for which there is machine code
+CALLABLE = set[tuple[types.Type, ...]]()  # the types of arguments for which there is machine code
 _ADDRESSES = dict[Any, int]()
 
 
@@ -244,7 +248,9 @@ def called(_, address, arguments):
     if kinds not in CALLABLE:
         raise TypeError(f"no machine code takes arguments of types {kinds}")
 
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    def build(
+        context: CPUContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
+    ) -> ir.Value:
         convention = context.call_conv
         kind = convention.get_function_type(types.float64, kinds).as_pointer()
         parts = [
@@ -428,7 +434,7 @@ def nth_one(context, builder, signature, args):
     return builder.cttz(bit, ir.Constant(FLAG, 1))
 
 
-def _without_lowest(bits: Any, n: Any) -> Any:
+def _without_lowest(bits: np.uint64, n: np.uint64) -> np.uint64:
     """Return a number with its n lowest set bits cleared."""
     while n > 0:
         bits &= bits - np.uint64(1)
@@ -436,7 +442,9 @@ def _without_lowest(bits: Any, n: Any) -> Any:
     return bits
 
 
-def _vector(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any]:
+def _vector(
+    context: CPUContext, builder: ir.IRBuilder, table: types.Array, args: Sequence[ir.Value]
+) -> tuple[ir.Value, ir.Value]:
     """Return 8 values of a row from an entry on, and which lie in the row; no others are read."""
     array = context.make_array(table)(context, builder, args[0])
     width, first = builder.extract_value(array.shape, 1), args[2]
@@ -453,7 +461,7 @@ def _vector(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any
     return builder.call(load, [start, size, inside, ir.Constant(kind, None)]), inside
 
 
-def _spread(builder: Any, value: Any) -> Any:
+def _spread(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
     """Return a vector of one value."""
     kind = ir.VectorType(value.type, LANES)
     first = builder.insert_element(ir.Constant(kind, None), value, ir.Constant(WORD, 0))
