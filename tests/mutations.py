@@ -76,7 +76,7 @@ MUTATIONS = [
         "        if seed.record.halted[0]:", "        if not seed:",
         ("tests/unit/test_interrupts.py::test_what_was_halted_is_no_result",)),
     Mutation("a folder that was moved is made again", "study/store.py",
-        "            (folder / STUDY).stat()", "            str(folder)",
+        "                (self.path / STUDY).stat()", "                str(self.path)",
         ("tests/unit/test_hostile_files.py::test_a_folder_that_is_moved_while_a_run_writes_ends_it",)),
     Mutation("truncation treated as termination", "learning/general_loop.py",
         "            if not terminated:\n                if looks_ahead",

@@ -13,7 +13,6 @@ from curricle.errors import ConfigError, EngineError, SettingError, StudyError
 from curricle.study import read_study, run_study, running
 from curricle.study.arms import Arms, UnitInput
 from curricle.study.executors import Workers, _folder_with, train_sent, versions_here
-from curricle.study.tuning import with_trials
 from curricle.study.workers import dask_address, dask_cluster
 from tests.support.executors import Held, sent_units
 from tests.support.sent_folders import RULES, STUDY
@@ -136,7 +135,7 @@ def tuned_lakes(tmp_path):
 
 
 def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
-    both = with_trials(tuned_lakes, Arms.of(tuned_lakes))
+    both = Arms.of(tuned_lakes), Arms.of(tuned_lakes.trials)
     workers = Workers.of(Held([1]), lambda: 1, both, tmp_path)
     assert {*workers.files} == {"lakes.py", "living.py", "pooling.py"}
     assert [arms.serial for arms in both] == [False, True]

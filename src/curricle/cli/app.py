@@ -287,9 +287,16 @@ def run(
         return
     if few := too_few(study, Arms.of(study)):
         echo(f"curricle: {few}", err=True)
-    how: dict[str, Any] = {"resume": resume, "workers": workers}
-    how |= {"processes": processes, "on": on, "shard": part}
-    results = run_with_bars(study, folder, page=show_page, **how)
+    results = run_with_bars(
+        study,
+        folder,
+        resume=resume,
+        shard=part,
+        processes=processes,
+        workers=workers,
+        on=on,
+        page=show_page,
+    )
     report = f", curricle report {quote(folder)}" * results.has_baseline
     echo(f"Stored in {folder}: curricle show {quote(folder)}{report}")
 

@@ -7,10 +7,10 @@ import os
 import sys
 import webbrowser
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from threading import Thread
-from typing import Any
 
 import typer
 from rich.console import Console
@@ -21,7 +21,6 @@ from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.results import StudyResults
 from curricle.study.running import Pace, Progress, run_study, shown_units
-from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses, dask_cluster
 from curricle.text import counted
 
@@ -58,11 +57,12 @@ def run_with_bars(
     study: StudyConfig,
     path: str | Place,
     *,
+    resume: bool = False,
+    shard: tuple[int, int] = (1, 1),
     processes: bool = False,
     workers: int | None = None,
     on: str | None = None,
     page: bool = False,
-    **settings: Any,
 ) -> StudyResults:
     """Run a study, show its progress and, with `page`, its report so far; return its results."""
     compilation().prints = True
@@ -76,16 +76,26 @@ def run_with_bars(
             show_units(progress)
             write_page()
 
+        all_studies = [study, study.trials] if study.tune else [study]
         count: int | Callable[[], int] | None = workers
+        executor: Executor | None = None
         if on is not None:
             cluster = ending.enter_context(dask_cluster(on, workers))
-            settings["executor"], count = cluster.executor, cluster.workers
+            executor, count = cluster.executor, cluster.workers
             link = f", {cluster.link}" if cluster.link else ""
             typer.echo(f"{on}: {counted(cluster.workers(), 'worker')}{link}", err=True)
-        elif processes or any(arms.serial for arms in with_trials(study, Arms.of(study))):
-            settings["executor"] = pool = WorkerProcesses(workers)
+        elif processes or any(Arms.of(each).serial for each in all_studies):
+            executor = pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        return run_study(study, path, workers=count, progress=show, **settings)
+        return run_study(
+            study,
+            path,
+            resume=resume,
+            workers=count,
+            executor=executor,
+            shard=shard,
+            progress=show,
+        )
 
 
 @contextmanager

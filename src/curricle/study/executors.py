@@ -101,7 +101,10 @@ def train_sent(sent: UnitInput) -> UnitContent | Exception:
     """Train a unit and return its results, or its error."""
     # An error is returned: raising it would need the user's class where it is received.
     try:
-        return _train_sent(sent)
+        if difference := _difference(sent.versions, versions_here()):
+            raise EngineError(f"worker {platform.node()} has {difference}")
+        folder = _folder_with(sent.files, Path(sent.folder))
+        return _train(sent._replace(folder=str(folder)))
     except Exception as error:
         return _sendable(error)
 
@@ -125,13 +128,6 @@ def _sendable(error: Exception) -> Exception:
         error = kind(in_words(error))
     error.add_note(text)
     return error
-
-
-def _train_sent(sent: UnitInput) -> UnitContent:
-    if difference := _difference(sent.versions, versions_here()):
-        raise EngineError(f"worker {platform.node()} has {difference}")
-    folder = _folder_with(sent.files, Path(sent.folder))
-    return _train(sent._replace(folder=str(folder)))
 
 
 @cache

@@ -10,6 +10,7 @@ from concurrent.futures import Executor, Future
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from importlib import metadata
 from itertools import chain
 from math import inf
@@ -19,7 +20,6 @@ from time import monotonic
 from typing import Any
 
 from curricle.checks import BEYOND_64_BITS, whole_number
-from curricle.comparison.choice import chosen
 from curricle.comparison.plan import (
     ASKED_AGAIN,
     Failures,
@@ -60,10 +60,9 @@ from curricle.study.store import (
 from curricle.study.tuning import (
     CHOICE,
     TRIALS,
-    chosen_study,
-    trial_study,
+    settled,
+    trials_of,
     tuned_before,
-    tuned_study,
 )
 from curricle.text import brief_repr, counted
 
@@ -269,36 +268,29 @@ def run_study(
     if not seeds_of(study, shard):
         part = f"shard {shard[0]}/{shard[1]}"
         report(f"{part} has no seeds: there are fewer groups of seeds than shards")
-    trials = trial_study(study) if study.choose else study.trials if study.tune else None
+    trials, folder = trials_of(study), CHOICE if study.choose else TRIALS
     study = tuned_before(study, place_at(path))
-    arms, of_trials = Arms.of(study), Arms.of(trials) if trials else None
-    if trials and of_trials:
-        if of_trials.total is None:
+    arms = Arms.of(study)
+    if trials:
+        if Arms.of(trials).total is None:
             raise SettingError(
                 "arms are tuned at one total of steps: give the budget of the target in steps"
             )
         trials.check_networks()
     with ExitStack() as ending:
-        every = [arms, of_trials] if of_trials else [arms]
+        every = [Arms.of(each) for each in (study, trials) if each]
         places = _workers(study, every, workers, executor, ending)
         about, record = described(study, arms)
         opened = StudyStore.opened(path, about, resume=resume, check=False)
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
         training = Training(store, places, ending.enter_context(shown_units(progress)), report)
-        if trials and of_trials:
-            folder = store.path / (CHOICE if study.choose else TRIALS)
-            about, _ = described(trials, of_trials)
-            with StudyStore.opened(folder, about, resume=resume, check=False) as there:
-                of_folder = replace(training, store=there), trials, of_trials
-                if study.choose:
-                    choice = chosen(of_trials, lambda *part: _tried(*of_folder, *part).comparison)
-                    study = chosen_study(study, trials, choice)
-                else:
-                    title = f"tuning: {counted(len(of_trials.curricula), 'trial')}"
-                    # If they are all stored, this only completes their folder.
-                    tried = _tried(*of_folder, of_trials, trials.seeds, title)
-                    study = study if study.tuned else tuned_study(study, tried)
+        if trials:
+            about, _ = described(trials, Arms.of(trials))
+            opened = StudyStore.opened(store.path / folder, about, resume=resume, check=False)
+            with opened as trials_store:
+                tried = partial(replace(training, store=trials_store).tried, trials)
+                study = settled(study, trials, tried)
             arms = Arms.of(study)
             about, record = described(study, arms)
             store.describe(about)
@@ -382,17 +374,16 @@ class Training:
         StudyResults(store, record).write_tables()
         return failures
 
-
-def _tried(
-    training: Training, study: StudyConfig, arms: Arms, part: Arms, seeds: Sequence[int], words: str
-) -> StudyResults:
-    """Train some arms of trials on further seeds, and return their results."""
-    study = study.varied(seeds=list(seeds))
-    about, record = described(study, part)
-    training.store.describe(about)
-    if failures := training.run(study, arms, record, part=part, words=words):
-        raise failure_error(failures)
-    return StudyResults(training.store, record)
+    def tried(
+        self, trials: StudyConfig, part: Arms, seeds: Sequence[int], words: str
+    ) -> StudyResults:
+        """Train some arms of a study of trials on further seeds, and return their results."""
+        study, arms = trials.varied(seeds=list(seeds)), Arms.of(trials)
+        about, record = described(study, part)
+        self.store.describe(about)
+        if failures := self.run(study, arms, record, part=part, words=words):
+            raise failure_error(failures)
+        return StudyResults(self.store, record)
 
 
 def described(study: StudyConfig, arms: Arms) -> tuple[dict[str, Any], StudyRecord]:

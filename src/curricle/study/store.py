@@ -115,7 +115,9 @@ def locked(path: Place) -> Iterator[None]:
         return
     with write_errors(path):
         path.mkdir(parents=True, exist_ok=True)
-        lock = _lock_of(path)
+        if (path / LOCK).is_symlink():  # opening a link may empty a file
+            raise OSError(errno.ELOOP, f"its {LOCK} must be no link: delete it", str(path))
+        lock = FileLock(path / LOCK)
         try:
             lock.acquire(timeout=PATIENCE)
         except Timeout:
@@ -126,13 +128,6 @@ def locked(path: Place) -> Iterator[None]:
         yield
     finally:
         lock.release()
-
-
-def _lock_of(path: Path) -> FileLock:
-    """Return a folder's lock; OSError if it is a link, because opening a link may empty a file."""
-    if (path / LOCK).is_symlink():
-        raise OSError(errno.ELOOP, f"its {LOCK} must be no link: delete it", str(path))
-    return FileLock(path / LOCK)
 
 
 @contextmanager
@@ -255,11 +250,6 @@ def _snapshots_of(names: Iterable[str]) -> list[str]:
     return [name for name in names if group_of(name) == SNAPSHOTS]
 
 
-def about_in(archive: ArrayArchive) -> UnitRecord:
-    """Return the record of the unit in a file; ValueError if there is none."""
-    return record_in(UnitRecord, archive.content(ABOUT, LARGEST_ABOUT))
-
-
 def groups_in(
     archive: ArrayArchive, groups: Collection[str], most: int | None = None
 ) -> NamedArrays:
@@ -340,7 +330,7 @@ class StoredUnit:
         """
         try:
             with read_errors(self.path), opened_archive(self.path, whole=whole) as archive:
-                about = about_in(archive)
+                about = record_in(UnitRecord, archive.content(ABOUT, LARGEST_ABOUT))
                 if self.seeds and (why := self._stranger(about)):
                     raise damage(self.path, why)
                 yield archive, about
@@ -383,26 +373,6 @@ class StoredUnit:
             arrays = groups_in(archive, GROUPS, most)
             decisions = decisions_in(archive)
         return UnitContent(of_seeds(arrays, seeds), [row for row in decisions if row.seed in seeds])
-
-
-def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitContent) -> StoredUnit:
-    """Write the result of a unit's seeds in one move, and return the stored unit."""
-    seeds = tuple(result.arrays["seeds"].tolist())
-    about = UnitRecord(
-        key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=seeds
-    )
-    path = folder / UNITS / place_of(unit.key, unit.task, seed_ranges(seeds))
-    _write(folder, path, unit_content(about, result))
-    return StoredUnit(path, unit.key, seeds)
-
-
-def _write(folder: Place, path: Place, content: bytes) -> None:
-    """Write a file in a folder in one move; if that fails, the old file stays (StoreError)."""
-    with write_errors(folder):
-        if isinstance(folder, Path):
-            (folder / STUDY).stat()  # raises if the folder was moved, instead of creating it again
-            path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content)
 
 
 def damage(file: Place, why: str = "its checksum does not fit") -> StoreError:
@@ -548,7 +518,12 @@ class StudyStore:
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file in one move; if that fails, the old file stays (StoreError)."""
-        _write(self.path, self.path / name, content)
+        file = self.path / name
+        with write_errors(self.path):
+            if isinstance(self.path, Path):
+                (self.path / STUDY).stat()  # raises if the folder was moved, and makes no new one
+                file.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(file, content)
 
     def remove(self, files: Iterable[Place]) -> None:
         """Delete some files."""
@@ -632,7 +607,12 @@ class StudyStore:
 
     def write_unit(self, unit: Unit | UnitRecord, result: UnitContent) -> StoredUnit:
         """Store the result of a unit in one move, and return the stored unit."""
-        stored = written_unit(self.path, unit, result)
+        seeds = tuple(result.arrays["seeds"].tolist())
+        depends = dict(unit.dependencies)
+        about = UnitRecord(key=unit.key, dependencies=depends, task=unit.task, seeds=seeds)
+        name = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(seeds))}"
+        self.write(name, unit_content(about, result))
+        stored = StoredUnit(self.path / name, unit.key, seeds)
         self.listed[stored.path] = stored
         self._keep(stored, Kept(GROUPS, unit.task, result))
         return stored

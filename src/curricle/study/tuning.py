@@ -6,7 +6,7 @@ fewer arms and further seeds.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -14,7 +14,13 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from curricle.candidates.candidates import source_candidates
-from curricle.comparison.choice import MOST, Choice, choose as choose_curriculum, options_of
+from curricle.comparison.choice import (
+    MOST,
+    Choice,
+    choose as choose_curriculum,
+    chosen,
+    options_of,
+)
 from curricle.comparison.opponents import OPPONENTS
 from curricle.files import Place
 from curricle.study.analysis import study_record
@@ -36,9 +42,24 @@ from curricle.text import counted
 TRIALS, CHOICE = "tuning", "choice"  # subfolders with the trials of a tuning, a choice
 
 
-def with_trials(study: StudyConfig, arms: Arms) -> tuple[Arms, ...]:
-    """Return a study's arms and, if the study is tuned, the arms of its trials."""
-    return (arms,) if study.tune is None else (arms, Arms.of(study.trials))
+Tried = Callable[[Arms, Sequence[int], str], StudyResults]
+"""Trains some arms of trials on further seeds, under a title, and returns their results."""
+
+
+def trials_of(study: StudyConfig) -> StudyConfig | None:
+    """Return the study of the trials that run before a study; None if it has none."""
+    return trial_study(study) if study.choose else study.trials if study.tune else None
+
+
+def settled(study: StudyConfig, trials: StudyConfig, tried: Tried) -> StudyConfig:
+    """Return a study with the arm, or the settings of its arms, that its trials choose."""
+    arms = Arms.of(trials)
+    if study.choose:
+        choice = chosen(arms, lambda *part: tried(*part).comparison)
+        return chosen_study(study, trials, choice)
+    # If they are all stored, this only completes their folder.
+    results = tried(arms, trials.seeds, f"tuning: {counted(len(arms.curricula), 'trial')}")
+    return study if study.tuned else tuned_study(study, results)
 
 
 def tuned_study(study: StudyConfig, trials: StudyResults) -> StudyConfig:
