@@ -404,7 +404,7 @@ class StudyConfig(RunTable):
             raise ConfigError(f"{self._positions.file}: arm {arm!r} {unknown(arm, self.arms)}")
         return self._built({arm: self.arms[arm]})[arm]
 
-    def address(self, arm: str, name: str) -> Any:
+    def address(self, arm: str, name: str) -> object:
         """Return a task of an arm; if it is a family's member, its address with the same start."""
         self.curriculum(arm)  # makes the tasks of the arm
         return _Builder(arm, self.arms[arm], self, Problems(self._positions)).address(name)

@@ -128,9 +128,9 @@ class Table(BaseModel):
                     text = unknown(detail["loc"][-1], cls.known())
                 elif not text:
                     phrase = PHRASES.get(kind, "is not understood").format(**context)
-                    known = context["expected"].split("'")[1::2] if kind == "literal_error" else ()
+                    words = context["expected"].split("'")[1::2] if kind == "literal_error" else ()
                     text = f"{phrase}: got {shown(detail['input'])}"
-                    text += suggestion(detail["input"], known)
+                    text += suggestion(detail["input"], words)
                 messages.append((detail["loc"], text))
             raise wrong_at(*messages) from None
 
@@ -152,15 +152,15 @@ def shown(value: object) -> str:
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 
-def not_one_of(value: object, known: Collection[str]) -> str:
+def not_one_of(value: object, words: Collection[str]) -> str:
     """Return the message that a value must be a known word."""
-    return f"must be one of {', '.join(known)}: got {shown(value)}{suggestion(value, known)}"
+    return f"must be one of {', '.join(words)}: got {shown(value)}{suggestion(value, words)}"
 
 
-def unknown(word: object, known: Collection[str]) -> str:
+def unknown(word: object, words: Collection[str]) -> str:
     """Return the message that a word is unknown, with the closest known word, else all of them."""
-    all_known = f": known are {', '.join(known)}" if known else ""
-    return f"is unknown{suggestion(word, known) or all_known}"
+    all_known = f": known are {', '.join(words)}" if words else ""
+    return f"is unknown{suggestion(word, words) or all_known}"
 
 
 # -- Single values: numbers, names, words, seeds, and choices among tables -------------------------
@@ -195,7 +195,7 @@ class Function(str):
 
 def word(
     rule: str,
-    known: Collection[str] = (),
+    words: Collection[str] = (),
     *,
     function: bool = False,
     lists: Any = None,
@@ -209,13 +209,13 @@ def word(
         if isinstance(value, str):
             if function and ":" in value:
                 return Function(value)
-            if value in known:
+            if value in words:
                 return value
         elif other is not None:
             return other(value)
         elif adapter is not None and isinstance(value, list | tuple):
             return adapter.validate_python(value)
-        raise wrong(f"must {rule}: got {shown(value)}{suggestion(value, known)}")
+        raise wrong(f"must {rule}: got {shown(value)}{suggestion(value, words)}")
 
     return WrapValidator(checked)
 
@@ -370,7 +370,7 @@ def table_of(
     return made
 
 
-def annotated(hint: object) -> Any:
+def annotated(hint: object) -> object:
     """Return the type of the TOML values for a parameter of this type."""
     if hint in _PLAIN:
         return _PLAIN[hint]
@@ -434,17 +434,17 @@ Rate = Annotated[Any, Choice(_SCHEDULES, simple=Number)]
 
 def named(*tables: type[Table], function: bool = False) -> Any:
     """Return the type of a table for which its name, or ``module:function``, may stand."""
-    known = tags(tables)
+    by_name = tags(tables)
 
     def simple(value: object, _: object) -> object:
         if function and isinstance(value, str) and ":" in value:
             return Function(value)
-        if not isinstance(value, str) or value not in known:
-            raise wrong(not_one_of(value, known) + " (or module:function)" * function)
-        needed = [key for key, field in known[value].model_fields.items() if field.is_required()]
+        if not isinstance(value, str) or value not in by_name:
+            raise wrong(not_one_of(value, by_name) + " (or module:function)" * function)
+        needed = [key for key, field in by_name[value].model_fields.items() if field.is_required()]
         if needed:
             raise wrong(f"must be a table, as {value} needs {' and '.join(needed)}: got {value!r}")
-        return known[value]()
+        return by_name[value]()
 
     return Annotated[str, WrapValidator(simple)]
 

@@ -8,7 +8,7 @@ import json
 import math
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from functools import partial
@@ -85,18 +85,19 @@ class Play:
 
     def _episode(self, seed: int, ends: float) -> list[Any]:
         """Play an episode; TaskError where its steps or reset are not Gymnasium's."""
-        env, rng, seen, over, cut = self.env, np.random.default_rng(seed), list[Any](), False, False
+        env, rng, states = self.env, np.random.default_rng(seed), list[Any]()
+        over = cut = False
         observed, info = checked_parts("reset", seeded_reset(env, seed))
         self.masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
         while True:
             leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
             self.points.append([x for leaf in leaves for x in leaf])
             self.attributes.append(words_of_state(vars(env.unwrapped)))
-            self.times.append(len(seen))
-            seen.append(deepcopy(observed))
-            if over or cut or len(seen) > LONGEST or time.perf_counter() > ends:
-                self.cuts += [len(seen) - 1] * bool(cut)
-                return seen
+            self.times.append(len(states))
+            states.append(deepcopy(observed))
+            if over or cut or len(states) > LONGEST or time.perf_counter() > ends:
+                self.cuts += [len(states) - 1] * bool(cut)
+                return states
             n = self.actions.size
             allowed = np.flatnonzero(action_mask(env, info, n)) if self.masks else n
             action = self.act(int(rng.choice(allowed)))
@@ -121,9 +122,10 @@ class Play:
         counters, first = self.counters, self.attributes[0]
         named = {name for name in first if counters and re.search(LIMITS, name.lower())}
         stated = [first[name] for name in named - {*counters}]
-        ahead = self._cut_ahead(counters) if counters and not (self.cuts or self.masks) else None
-        seen = min(self.cuts, default=ahead)
-        return seen or min((x for x in stated if type(x) is int and x > 1), default=None)
+        cut = min(self.cuts, default=None)
+        if counters and not (self.cuts or self.masks):
+            cut = self._cut_ahead(counters)
+        return cut or min((x for x in stated if type(x) is int and x > 1), default=None)
 
     def _cut_ahead(self, counters: list[str]) -> int | None:
         """Return at which step it truncates, seen by setting its counters ahead; None if unseen."""
@@ -170,7 +172,9 @@ class Variant(NamedTuple):
     steps: float  # infinite where it is not learnt
 
 
-def _variant(arguments: dict[str, Any], task: Any, budgets: Any, *, has_goal: bool) -> Variant:
+def _variant(
+    arguments: dict[str, Any], task: Any, budgets: Sequence[int], *, has_goal: bool
+) -> Variant:
     """Return a task with the steps after which Q-learning is nearly as good as it gets."""
     judgement, rollouts = None, GreedyEvaluation(episodes=2) if is_live(task) else None
     if not is_live(task):
@@ -195,14 +199,19 @@ def _variant(arguments: dict[str, Any], task: Any, budgets: Any, *, has_goal: bo
     return Variant(arguments, task, judgement, math.inf)
 
 
-def easier(target: Variant, make: Any, others: Iterator[Any], trial: Any) -> list[Variant]:
+def easier(
+    target: Variant,
+    make: Callable[[dict[str, Any], float], Any],
+    others: Iterator[dict[str, Any]],
+    trial: Callable[[dict[str, Any], Any], Variant],
+) -> list[Variant]:
     """Return variants that are learnt sooner and that the target can read by name."""
     kept, ends = list[Variant](), time.perf_counter() + SECONDS
     for arguments in others:
-        if (left := ends - time.perf_counter()) <= 0 or len(kept) == MOST:
+        if (seconds := ends - time.perf_counter()) <= 0 or len(kept) == MOST:
             break
         try:
-            variant = trial(arguments, make(arguments, left))
+            variant = trial(arguments, make(arguments, seconds))
             mapped = project(target.task, variant.task).mapped_states()
         except Exception:  # a constructor may refuse arguments in any way
             continue
@@ -333,12 +342,12 @@ def _ways(env: Env[Any, Any], play: Play) -> list["partial[Any]"]:
         ways += [partial(ways[0], **SAMPLED)] * (not discrete)
     if discrete:
         names, space = play.names(), space_of(env.observation_space, "state")
-        known = (
+        named = (
             isinstance(env.observation_space, Dict)  # whose keys are names
             or names_of(env)[0]
             or len(names) != len(space.names)
         )
-        if not known and names != [*space.names]:
+        if not named and names != [*space.names]:
             options["names"] = names
         ways.append(partial(from_gymnasium, **options))
     return ways
@@ -349,9 +358,9 @@ def _rounded_up(steps: float) -> int:
     return math.ceil(steps / (unit := int(10.0 ** int(math.log10(steps))))) * unit
 
 
-def _limit(env: Env[Any, Any], known: int | None) -> dict[str, int]:
+def _limit(env: Env[Any, Any], limit: int | None) -> dict[str, int]:
     """Return the time limit that a study must state: none where the environment has one."""
-    return {} if time_limit_of(env) or is_minigrid(env) else {"time_limit": known or LIMIT}
+    return {} if time_limit_of(env) or is_minigrid(env) else {"time_limit": limit or LIMIT}
 
 
 def _of_network(
