@@ -162,9 +162,9 @@ def test_an_interim_page_is_read_again_but_not_under_its_readers_hands(visit, fi
     files["interim"] = files["maze"].with_name("interim.html")
 
     def write(words, seconds):
-        banner = render("banner.html", sentence=words, time="12:00:00", seconds=seconds)
+        banner = render("banner.html", {"sentence": words, "time": "12:00:00", "seconds": seconds})
         tall = Markup(banner + '<div style="height: 300rem"></div>')
-        files["interim"].write_text(render("waiting.html", name="Interim", banner=tall))
+        files["interim"].write_text(render("waiting.html", {"name": "Interim", "banner": tall}))
 
     write("not begun", 0)
     page = visit("interim")

@@ -92,7 +92,7 @@ def test_names_that_no_table_can_show_are_refused(capsys):
 
 def test_pages_write_control_and_format_characters_out():
     title = f"{REVERSED}\a <\u2066x>\u00a0"
-    page = render("paper.html", title=title, counts={}, sections=[], seeds="")
+    page = render("paper.html", {"title": title, "counts": {}, "sections": [], "seeds": ""})
     assert r"a\u202eb\x07 &lt;\u2066x&gt;" in page
     assert not {"\u202e", "\u2066", "\a"} & set(page)
 

@@ -41,7 +41,7 @@ from curricle.progress import Bars, Progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.family import FamilyMember
-from curricle.tasks.mdp import has_tables
+from curricle.tasks.mdp import Task, has_tables
 from curricle.text import UNBOUNDED, brief_repr, folded, printed, text_table
 from curricle.transfer.aggregate import minimum
 from curricle.transfer.transfer import Transfer, numbered
@@ -68,7 +68,7 @@ class Option(NamedTuple):
     steps: int
     scale: float
 
-    def curriculum(self, target: str, task: Any, settings: Mapping[str, Any]) -> Curriculum:
+    def curriculum(self, target: str, task: Task, settings: Mapping[str, Any]) -> Curriculum:
         """Return the curriculum of a target; `settings` are the target's."""
         name, budget = self.candidate.name, settings.get("budget", DEFAULT_STEPS)
         of_both = {key: settings[key] for key in settings if key not in ("budget", "eval_freq")}
@@ -242,12 +242,12 @@ def _best_alone(comparison: Comparison, name: str) -> str:
 
 
 def choose(
-    target: object,
-    candidates: Sequence[Any] | Mapping[str, Curriculum] = (),
+    target: Task | FamilyMember,
+    candidates: Sequence[Curriculum | SourceCandidate] | Mapping[str, Curriculum] = (),
     *,
     kinds: Sequence[str] = KINDS,
     most: int = MOST,
-    on: object = None,
+    on: Task | FamilyMember | None = None,
     seed: int = 0,
     workers: int | None = None,
     progress: Progress = None,
@@ -332,8 +332,8 @@ def choose(
 
 
 def trial_curricula(
-    target: object,
-    candidates: Sequence[Any] | Mapping[str, Curriculum],
+    target: Task | FamilyMember,
+    candidates: Sequence[Curriculum | SourceCandidate] | Mapping[str, Curriculum],
     kinds: Sequence[str],
     most: int,
     settings: Mapping[str, Any],
@@ -376,7 +376,7 @@ def trial_curricula(
     return curricula, options
 
 
-def _task(target: object) -> Any:
+def _task(target: Task | FamilyMember) -> Task:
     return target.task if isinstance(target, FamilyMember) else target
 
 
@@ -386,7 +386,9 @@ FEWEST_STEPS = 1_000  # fewest steps of the relative as a target
 MOST_DRAFTS = 50  # drafts of the target among which to look
 
 
-def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, str]:
+def _carried_over(
+    target: Task | FamilyMember, option: Option, on: Task | FamilyMember
+) -> tuple[Option | None, str]:
     """Return the target's option that matches an option of a smaller relative, and a sentence."""
     like, states = option.candidate, option.candidate.task.states.size
     share, a_state = states / _task(on).states.size, option.steps / states
@@ -397,6 +399,8 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
 
     def distance(draft: Draft) -> tuple[bool, float]:
         if draft.member is not None and like.member is not None:
+            assert isinstance(target, FamilyMember)  # of which this is a member
+            assert isinstance(on, FamilyMember)
             size = draft.member.task.states.size / _task(target).states.size
             pairs = (draft.member.parameters, target), (like.member.parameters, on)
             easier, easier_on = ({k for k in x if x[k] != of.parameters[k]} for x, of in pairs)

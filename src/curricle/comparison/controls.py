@@ -24,8 +24,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from curricle.arrays import IntArray
-from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.curriculum import Curriculum, TrainingOptions
 from curricle.curriculum.result import SourceValues
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError
@@ -172,35 +171,35 @@ def train_control(
     curriculum: Curriculum,
     seeds: tuple[int, ...],
     sources: Mapping[str, SourceValues],
-    spent: IntArray,
-    potentials: Sequence[AnyPotential] = (),
-    **how: Any,
+    potentials: Sequence[AnyPotential],
+    options: TrainingOptions,
 ) -> LearningResult:
-    """Return the results of seeds in a control arm's target."""
-    # Every control is charged the steps that the curriculum's `sources` took, `spent`.
-    name = curriculum.target
+    """Return the results of seeds in a control arm's target, each charged what its sources took."""
+    name, spent = curriculum.target, np.asarray(options.charged)
     if is_shuffled(label, curriculum):
-        return curriculum.train_task(name, sources, seeds, charged=spent, **how)[0]
+        return curriculum.train_task(name, sources, seeds, options)[0]
     if label == UNRELATED:
         numbers, parts = np.array(seeds), []
         for draw in np.unique(numbers % DRAWS).tolist():
             some, node = numbers % DRAWS == draw, curriculum.node(name)
             taken, edges = unrelated_transfers(curriculum, numbers[some].tolist(), draw)
-            some_seeds, charged = taken[edges[0].source].seeds, spent[some]
+            some_seeds = taken[edges[0].source].seeds
             phi = curriculum.potentials(name, taken, transfers=edges)
-            parts.append(node.train(some_seeds, phi, charged=charged, **how))
+            parts.append(node.train(some_seeds, phi, options._replace(charged=spent[some])))
         return joined_results(parts)
     if label not in CHANGES:
         parts = []
         for steps in np.unique(spent):
             some = [seeds[k] for k in np.flatnonzero(spent == steps).tolist()]
             changed_source = source_control(curriculum, label, int(steps))
-            parts.append(changed_source.train(some, charge=True, **how)[name])
+            workers, progress = options.workers, options.progress
+            trained = changed_source.train(some, charge=True, workers=workers, progress=progress)
+            parts.append(trained[name])
         return joined_results(parts)
     if not potentials:
         potentials = curriculum.potentials(name, sources)
     changed = [CHANGES[label](phi, k) for phi, k in zip(potentials, seeds, strict=True)]
-    return curriculum.node(name).train(seeds, changed, charged=spent, **how)
+    return curriculum.node(name).train(seeds, changed, options)
 
 
 DRAWS = 3  # unrelated tasks, which seeds take in turn, since some may be easier to map

@@ -4,7 +4,7 @@ import time
 from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from curricle.comparison.plan import Plan, Unit
 from curricle.curriculum.curriculum import Curriculum, Node
@@ -13,8 +13,8 @@ from curricle.planning.policy_evaluation import ExactEvaluation
 from curricle.planning.rollouts import random_step_seconds
 from curricle.planning.target import LARGEST_SOLVED, ROLLOUTS
 from curricle.tasks.live import is_live
-from curricle.tasks.mdp import generative_model, has_tables, tables
-from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.mdp import Task, generative_model, has_tables, tables
+from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.text import duration
 from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
 
@@ -92,9 +92,9 @@ def pace_of(node: Node, step: float) -> Pace:
     return Pace(step * (1.0 if is_live(node.task) else SLOWER), acting)
 
 
-def random_pace(task: Any) -> float:
+def random_pace(task: Task | ObservationTask) -> float:
     """Return the seconds that a random step of a task takes, by a few random steps."""
-    if not is_observation_task(task):
+    if not isinstance(task, ObservationTask):
         return random_step_seconds(task)
     environment = task.environment()
     environment.action_space.seed(0)

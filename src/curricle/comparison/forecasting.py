@@ -25,7 +25,7 @@ from curricle.comparison.trial import (
     rows_of,
     run_trial,
 )
-from curricle.curriculum.curriculum import Curriculum, Node
+from curricle.curriculum.curriculum import Curriculum, Node, TrainingOptions
 from curricle.curriculum.result import Learnt, SourceValues
 from curricle.deep.learning import policy_return
 from curricle.deep.miniature import Miniatures
@@ -180,7 +180,8 @@ def _learning(
         off = GreedyEvaluation(method="off")
         name = f"{node.name}/fresh"
         alone = replace(node, name=name, budget=steps, eval_freq=steps, evaluation=off)
-        trained = alone.train(learnt.seeds, workers=workers, progress=bars)
+        options = TrainingOptions(workers=workers, progress=bars)
+        trained = alone.train(learnt.seeds, (), options)
         of_fresh, reference_noise = _returns(target, trained.values)
         reference = float(of_fresh.mean())
     total = float(np.sqrt(noise**2 + random_noise**2 + reference_noise**2))
@@ -189,7 +190,7 @@ def _learning(
     )
 
 
-def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:
+def _returns(target: Target, values: FloatArray) -> tuple[FloatArray, float]:
     """Return the greedy return of each of K tables, and the standard error of their mean."""
     estimates = [target.estimated(Values(table)) for table in values]
     returns, noise = (np.array([getattr(k, of) for k in estimates]) for of in ("value", "noise"))

@@ -21,7 +21,13 @@ import numpy as np
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import fit_name, instance, one_of
-from curricle.curriculum.curriculum import MOST_SHARED, OF_TARGETS, SETTINGS, Curriculum
+from curricle.curriculum.curriculum import (
+    MOST_SHARED,
+    OF_TARGETS,
+    SETTINGS,
+    Curriculum,
+    TrainingOptions,
+)
 from curricle.errors import CurriculumError, SettingError, TaskError
 from curricle.learning.learners import Learner, OptimisticQLearning, value_bounds
 from curricle.learning.result import LearningResult
@@ -29,7 +35,7 @@ from curricle.learning.shaping import QInitialisation
 from curricle.planning.rollouts import random_rollouts
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.graph import reachable_states
-from curricle.tasks.mdp import generative_model, has_tables, tables
+from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.potential import AnyPotential
 
@@ -159,7 +165,7 @@ def train_constant(
     curriculum: Curriculum,
     seeds: Sequence[int],
     potentials: Sequence[AnyPotential],
-    **how: Any,
+    options: TrainingOptions,
 ) -> tuple[LearningResult, FloatArray]:
     """Return the result in the target from a constant, and each seed's initial Q, (K,)."""
     node = curriculum.node(curriculum.target)
@@ -167,7 +173,7 @@ def train_constant(
     levels = [float(CONSTANTS[label](np.asarray(phi.pairs(states)))) for phi in potentials]
     # phi times 0 plus the level is a constant that is stored like phi.
     constants = [phi.rescaled(0.0, level) for phi, level in zip(potentials, levels, strict=True)]
-    return node.train(seeds, constants, **how), np.array(levels) + node.learner.initial_value
+    return node.train(seeds, constants, options), np.array(levels) + node.learner.initial_value
 
 
 # The pairs that a learner of the target can visit: all pairs of the nonterminal states that some
@@ -178,7 +184,7 @@ def train_constant(
 EPISODES, LENGTH = 100, 1000  # number and longest length of the random rollouts
 
 
-def visited_states(task: Any, *, dense: bool) -> IntArray:
+def visited_states(task: Task, *, dense: bool) -> IntArray:
     """Return the states of these pairs, every state once, (n,) int64."""
     if dense and has_tables(task):
         mdp = tables(task)

@@ -29,11 +29,17 @@ from curricle.comparison.opponents import (
     unasked_learners,
 )
 from curricle.comparison.task_differences import differences
-from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum, Node
+from curricle.curriculum.curriculum import (
+    OF_TARGETS,
+    SETTINGS,
+    Curriculum,
+    Node,
+    TrainingOptions,
+)
 from curricle.curriculum.result import SourceValues
 from curricle.errors import CurriculumError, LostStoreError, SettingError
 from curricle.learning.result import LearningResult
-from curricle.progress import Bars
+from curricle.progress import Bars, Progress
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
@@ -316,23 +322,27 @@ def train(
     *,
     charge: bool = True,
     unchanged: Trained | None = None,
-    **how: Any,
+    workers: int | None = None,
+    progress: Progress = None,
 ) -> Trained:
     """Train a unit of an arm with the results of its sources, and return the unit's results."""
     # With `charge` the target's budget also pays for the sources. An arm that changes another arm
     # reads the other arm's potentials from `unchanged`, or computes them again.
     curriculum, task, seeds = arm.curriculum, unit.task, unit.seeds
     spent, is_target = curriculum.spent(task, sources, len(seeds)), task == curriculum.target
+    options = TrainingOptions(None, unit.snapshots, workers, progress)
     if not (arm.change and is_target):
-        how |= {"charged": spent if charge and is_target else None, "snapshots": unit.snapshots}
-        result, potentials = curriculum.train_task(task, sources, seeds, **how)
+        options = options._replace(charged=spent if charge and is_target else None)
+        result, potentials = curriculum.train_task(task, sources, seeds, options)
         return Trained(result, spent, potentials)
-    phi: Any = () if unchanged is None else unchanged.potentials
+    phi = () if unchanged is None else unchanged.potentials
+    options = options._replace(snapshots=0)
     if arm.change not in CONSTANTS:
-        control = train_control(arm.change, curriculum, seeds, sources, spent, phi, **how)
+        options = options._replace(charged=spent)
+        control = train_control(arm.change, curriculum, seeds, sources, phi, options)
         return Trained(control, spent)
     phi = phi or curriculum.potentials(task, sources)
-    result, values = train_constant(arm.change, curriculum, seeds, phi, **how)
+    result, values = train_constant(arm.change, curriculum, seeds, phi, options)
     return Trained(result, np.zeros_like(spent), initial_values=values)
 
 

@@ -6,7 +6,6 @@ A study's folder keeps these data of its target, so that two stored studies are 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from curricle.tasks.mdp import (
     same_task,
     tables,
 )
-from curricle.tasks.observation_task import is_observation_task, made_by, plain_text
+from curricle.tasks.observation_task import ObservationTask, made_by, plain_text
 from curricle.tasks.spaces import state_name
 
 LARGEST = 5_000_000  # pairs (S x A) up to which tables are compared
@@ -112,10 +111,10 @@ def _unequal(first: TaskSummary, second: TaskSummary) -> Iterator[tuple[str, str
         yield "rules", f"{first.kind} against {second.kind}, too large or functions"
 
 
-def task_summary(task: Any) -> TaskSummary:
+def task_summary(task: Task | ObservationTask) -> TaskSummary:
     """Return the summary of a task."""
     kind = type(task).__name__
-    if is_observation_task(task):
+    if isinstance(task, ObservationTask):
         spaces = {name: plain_text(getattr(task, name)) for name in ("observations", "actions")}
         spaces |= {"discount": repr(task.discount), "time_limit": repr(task.longest)}
         return TaskSummary(kind, spaces, {}, {"environment": made_by(task.make)})

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,6 +67,15 @@ strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curv
 among the development targets of benchmarks/networks/miniatures.py."""
 ACTOR_CRITICS = ("PPO", "A2C")  # algorithms for which the pull was tested
 MOST_SHARED = 10_000_000  # state-action pairs of a task with a portfolio: 350 MB of tables a seed
+
+
+class TrainingOptions(NamedTuple):
+    """What training takes beside a node's settings: the result depends on `charged` alone."""
+
+    charged: Sequence[int] | IntArray | None = None  # (K,) steps taken from each seed's budget
+    snapshots: int = 0  # tables of the first seed to keep
+    workers: int | None = None
+    progress: Progress = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,32 +163,29 @@ class Node:
     def train(
         self,
         seeds: Sequence[int],
-        potentials: Sequence[AnyPotential] = (),
-        *,
-        charged: Sequence[int] | IntArray | None = None,
-        snapshots: int = 0,
-        workers: int | None = None,
-        progress: Progress = None,
+        potentials: Sequence[AnyPotential],
+        options: TrainingOptions,
     ) -> LearningResult:
         """Return the result of K seeds in the task, with K potentials or none."""
         if self.distilled:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
 
-            return learn_miniatures(self.task, self.learner, seeds, progress=progress)
+            return learn_miniatures(self.task, self.learner, seeds, progress=options.progress)
         common: dict[str, Any] = {
             "shaping": [self.shaping.with_potential(phi) for phi in potentials] or None,
             "seeds": seeds,
             "eval_freq": self.eval_freq,
             "evaluation": self.evaluation,
             "stream": self.name,
-            "charged": charged,
-            "progress": progress,
+            "charged": options.charged,
+            "progress": options.progress,
         }
         if self.deep:
             result = learn_deep(self.task, self.learner, self.budget, **common)
             return result if self.storage.save_values else replace(result, values=None)
-        common |= {"storage": self.storage, "snapshots": snapshots, "workers": workers}
+        of_tables = {"snapshots": options.snapshots, "workers": options.workers}
+        common |= {"storage": self.storage, **of_tables}
         return learn(self.task, self.learner, self.budget, **common)
 
     def decisions(self, result: LearningResult) -> Decisions:
@@ -521,8 +527,8 @@ class Curriculum:
                     f"a trained result must have the seeds asked for, {numbers}: {name!r} has "
                     f"{result.seeds}"
                 )
-        known = {name: SourceValues.of(result) for name, result in trained.items()}
-        sources = dict(known)
+        earlier = {name: SourceValues.of(result) for name, result in trained.items()}
+        sources = dict(earlier)
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
         if charge and isinstance(self.setting("budget", self.target), Episodes):
@@ -533,41 +539,32 @@ class Curriculum:
         paying = self.target if charge else None
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
-        names = [name for name in self.order if name in wanted and name not in known]
+        names = [name for name in self.order if name in wanted and name not in earlier]
         for name in names:
             self._check_network(name)
         with shown(progress) as bars:
             for name in names:
                 spent = self.spent(name, sources, len(numbers)) if name == paying else None
-                results[name], potentials[name] = self.train_task(
-                    name,
-                    sources,
-                    numbers,
-                    charged=spent,
-                    snapshots=snapshots,
-                    workers=workers,
-                    progress=bars.within(),
-                )
+                options = TrainingOptions(spent, snapshots, workers, bars.within())
+                results[name], potentials[name] = self.train_task(name, sources, numbers, options)
                 sources[name] = SourceValues.of(results[name])
                 bars.tell(name)
-        return CurriculumResult(self, results, potentials, known)
+        return CurriculumResult(self, results, potentials, earlier)
 
     def train_task(
         self,
         name: str,
         sources: Mapping[str, Learnt],
         seeds: tuple[int, ...],
-        *,
-        charged: IntArray | None = None,
-        **how: Any,
+        options: TrainingOptions,
     ) -> tuple[LearningResult, list[AnyPotential]]:
         """Return a task's result, and its potentials as they entered.
 
-        `sources` have the same `seeds`; the budget of each seed is less its `charged` steps.
+        `sources` have the same `seeds`.
         """
         self._check_network(name)
         potentials = self.potentials(name, sources)
-        return self.node(name).train(seeds, potentials, charged=charged, **how), potentials
+        return self.node(name).train(seeds, potentials, options), potentials
 
     def _check_network(self, name: str) -> None:
         node = self.node(name)

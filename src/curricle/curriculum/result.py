@@ -246,7 +246,7 @@ def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> t
             named = {key.removeprefix(start): x for key, x in items if key.startswith(start)}
             yield name, said, named
 
-    nodes, known = dict[str, LearningResult](), dict[str, SourceValues]()
+    nodes, earlier = dict[str, LearningResult](), dict[str, SourceValues]()
     for name, said, arrays in parts("nodes"):
         node = KINDS[said["kind"]].of_file(saved, arrays, said, curriculum.tasks[name])
         nodes[name] = replace(node, learner=node.learner or curriculum.setting("learner", name))
@@ -254,19 +254,21 @@ def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> t
         task, seeds = curriculum.tasks[name], tuple(arrays["seeds"].tolist())
         check_value_arrays(arrays, len(seeds), pairs_of(saved, about["tasks"][name], task))
         values, steps = all_values_of(arrays, len(seeds)), frozen(arrays["steps_used"])
-        known[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
-    _build_networks(curriculum, nodes, known)
+        earlier[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
+    _build_networks(curriculum, nodes, earlier)
     # Potentials are computed from the sources' values, as in training.
-    sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **known}
+    sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **earlier}
     potentials = {name: curriculum.potentials(name, sources) for name in about["trained"]}
-    return nodes, potentials, known
+    return nodes, potentials, earlier
 
 
 def _build_networks(
-    curriculum: Any, nodes: dict[str, LearningResult], known: dict[str, SourceValues]
+    curriculum: Any,
+    nodes: dict[str, LearningResult],
+    earlier: dict[str, SourceValues],
 ) -> None:
     """Replace the parameters of networks by the networks, sources first."""
-    learnt: dict[str, Learnt] = {**known, **nodes}
+    learnt: dict[str, Learnt] = {**earlier, **nodes}
     if not any(curriculum.node(name).deep for name in learnt):
         return
     try:
@@ -279,7 +281,7 @@ def _build_networks(
             f"{' '.join(str(error).split())}"
         ) from None
 
-    everything: Any = nodes, known
+    everything: Any = nodes, earlier
     for results in everything:
         for name in results.keys() & built.keys():
             results[name] = replace(results[name], values=built[name].values)

@@ -80,11 +80,11 @@ def _fit(
 ) -> None:
     """Fit a policy to values of mean 0 and spread 1, then rescale the layer of its values."""
     for name in ("policy", "action_values"):
-        known = getattr(knowledge, name)
-        if known.shape[1] != task.n_actions:
+        columns = getattr(knowledge, name).shape[1]
+        if columns != task.n_actions:
             raise SettingError(
                 f"knowledge to distil must be of the task's actions, {task.actions}: got "
-                f"{known.shape[1]} actions; a mapping's actions= maps them"
+                f"{columns} actions; a mapping's actions= maps them"
             )
     q_nets = [name for name in ("q_net", "quantile_net") if getattr(policy, name, None) is not None]
     network: torch.nn.Module | None = None  # of DQN or QR-DQN

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,8 @@ from curricle.transfer.rollouts import (
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
+
+    from curricle.deep.networks import NetworkValues
 
 TOO_LARGE_SEED = 2**32  # the first that NumPy's generator, which SB3 seeds, does not take
 
@@ -177,7 +179,8 @@ class DeepResult(LearningResult):
     @cached_property
     def policies(self) -> tuple[TrainedPolicy, ...]:
         """The policy of each seed, K of them; SettingError where values were not saved."""
-        return policies_of(self.task, self.learner, self.values, self.steps_used)
+        task, learner, values = cast(Any, (self.task, self.learner, self.values))
+        return policies_of(task, learner, values, self.steps_used)
 
     def parts_of_file(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the arrays and the plain JSON that :meth:`save` writes."""
@@ -193,8 +196,8 @@ class DeepResult(LearningResult):
     def load(
         cls,
         path: str | Path,
-        task: Any = None,
-        learner: Any = None,
+        task: ObservationTask | None = None,
+        learner: DeepLearner | None = None,
         shaping: Shaping | Sequence[Shaping | None] | None = None,
     ) -> Self:
         """Return the result in a file that :meth:`save` wrote; the networks are built again.
@@ -220,7 +223,7 @@ class DeepResult(LearningResult):
         result = cls.of_file(saved, saved.arrays, saved.about, task)
         if learner is not None:
             instance("learner", learner, DeepLearner, SettingError)
-            result = replace(result, learner=learner)
+            result = replace(result, learner=learner)  # type: ignore[arg-type]
         if task is None or learner is None or result.values is None:
             return result
         n = len(result.seeds)
@@ -250,7 +253,7 @@ class DeepResult(LearningResult):
                 f"networks must be loaded with the task, learner and shaping they were trained "
                 f"with: {learner} does not take these parameters, {' '.join(str(error).split())}"
             ) from None
-        return replace(result, task=task, values=values)
+        return replace(result, task=task, values=values)  # type: ignore[arg-type]
 
 
 def _traits(task: ObservationTask, phi: ObservationPotential | None) -> FloatArray:
@@ -263,7 +266,10 @@ def _traits(task: ObservationTask, phi: ObservationPotential | None) -> FloatArr
 
 
 def policies_of(
-    task: Any, learner: Any, values: Any, steps_used: IntArray
+    task: ObservationTask,
+    learner: DeepLearner,
+    values: "Sequence[NetworkValues] | None",
+    steps_used: IntArray,
 ) -> tuple[TrainedPolicy, ...]:
     """Return the policies of K :class:`NetworkValues`; SettingError for any other values."""
     if values is None or not all(hasattr(network, "policy") for network in values):

@@ -55,8 +55,13 @@ class Knowledge(Frozen):
         """Return the knowledge of all parts, with means weighted by the parts' states."""
         seen = [parts_of(part.observations) for part in parts]
         stacked = {name: np.concatenate([leaves[name] for leaves in seen]) for name in seen[0]}
-        columns: Any = zip(*(part._columns for part in parts), strict=True)
-        return cls._merged(assembled(stacked), *map(np.concatenate, columns))
+        return cls._merged(
+            assembled(stacked),
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.action_values for part in parts]),
+            np.concatenate([part.policy for part in parts]),
+            np.concatenate([part.states for part in parts]),
+        )
 
     @property
     def alike(self) -> float:
@@ -66,17 +71,21 @@ class Knowledge(Frozen):
     def shuffled(self, seed: int) -> Self:
         """Return the same values and policies in random order over the observations."""
         order = np.random.default_rng(seed).permutation(len(self.values))
-        return type(self)(self.observations, *(column[order] for column in self._columns))
-
-    @property
-    def _columns(self) -> tuple[Any, ...]:
-        return self.values, self.action_values, self.policy, self.states
+        columns = self.values[order], self.action_values[order], self.policy[order]
+        return type(self)(self.observations, *columns, self.states[order])
 
     @classmethod
-    def _merged(cls, observations: Any, *columns: Any) -> Self:
-        """Return the means of columns over equal observations; the last column counts states."""
+    def _merged(
+        cls,
+        observations: object,
+        values: FloatArray,
+        action_values: FloatArray,
+        policy: FloatArray,
+        states: IntArray,
+    ) -> Self:
+        """Return the means over equal observations, weighted by the states that each stands for."""
         leaves = [np.ascontiguousarray(part) for part in parts_of(observations).values()]
-        states, numbers = columns[-1], dict[bytes, int]()
+        numbers = dict[bytes, int]()
         group = np.empty(len(states), np.int64)
         for row in range(len(states)):
             # Digests: observations may be pictures, and all their bytes would be kept twice.
@@ -84,14 +93,14 @@ class Knowledge(Frozen):
             group[row] = numbers.setdefault(key, len(numbers))
         weight = np.bincount(group, states)
 
-        def mean(column: Any) -> Any:
+        def mean(column: FloatArray) -> FloatArray:
             total = np.zeros((len(numbers), *column.shape[1:]))
             np.add.at(total, group, (column.T * states).T)
-            return (total.T / weight).T
+            return np.asarray((total.T / weight).T)
 
         first = np.unique(group, return_index=True)[1]
-        merged: Any = [*map(mean, columns[:-1]), weight]
-        return cls(rows_of(observations, first), *merged)
+        means = mean(values), mean(action_values), mean(policy)
+        return cls(rows_of(observations, first), *means, weight)
 
 
 def actor_of(values: object) -> Any:
@@ -139,8 +148,8 @@ class Miniatures(ObservationTask):
 
     def knowledge(self, *, seed: int = 0) -> Knowledge:
         """Return the knowledge to distil: exact values and policies of all training levels."""
-        known = Knowledge.joined([member.knowledge() for member in self.solved])
-        return known.shuffled(seed) if self.shuffled else known
+        knowledge = Knowledge.joined([member.knowledge() for member in self.solved])
+        return knowledge.shuffled(seed) if self.shuffled else knowledge
 
     def examined(self, values: object) -> "tuple[Examined, ...]":
         """Return a network's exact returns on held-out levels; `tested_on` come last."""

@@ -134,12 +134,12 @@ def check_learner(
     learner: DeepLearner, shaping: Shaping | None = None, in_tables: Sequence[str] = ()
 ) -> None:
     """Raise SettingError unless an algorithm takes its settings, and shaping by tabular sources."""
-    algorithm, known = learner.algorithm_class(), learner.takes
+    algorithm, takes = learner.algorithm_class(), learner.takes
     for name in learner.settings:
-        if name not in (*known, *NOT_ARGUMENTS):
-            meant = get_close_matches(name, known, n=1)
+        if name not in (*takes, *NOT_ARGUMENTS):
+            meant = get_close_matches(name, takes, n=1)
             raise SettingError(
-                f"a setting of {learner.algorithm} must be one of {', '.join(known)}: got {name!r}"
+                f"a setting of {learner.algorithm} must be one of {', '.join(takes)}: got {name!r}"
                 + (f", did you mean {meant[0]!r}?" if meant else "")
             )
     if shaping is None:
@@ -224,28 +224,28 @@ class DeepRun:
     def train(self, seed: int, shaping: Shaping | None, charged: int) -> Outcome:
         """Train a seed and return its outcome."""
         start, learner = stream_start(seed, self.stream), self.learner
-        left, model_seed = self.steps - charged, splitmix64(start) >> 33
+        steps, model_seed = self.steps - charged, splitmix64(start) >> 33
         with isolated(learner.threads):
             model = model_for(
                 self.task,
                 learner,
                 shaping,
                 seed=model_seed,
-                steps=left,
+                steps=steps,
                 processes=learner.processes,
             )
             values = NetworkValues(model.policy, subtracted(shaping))
-            recorder = Recorder(self, values, left, start)
+            recorder = Recorder(self, values, steps, start)
             try:
                 rollout = rollout_of(model)
-                if rollout > left and hasattr(model, "rollout_buffer"):
+                if rollout > steps and hasattr(model, "rollout_buffer"):
                     raise SettingError(
                         f"a budget must hold a rollout of {learner.algorithm}, n_steps times envs: "
-                        f"{rollout:,} steps are more than {left:,}"
+                        f"{rollout:,} steps are more than {steps:,}"
                     )
                 callbacks = [] if learner.callbacks is None else learner.callbacks()
                 model.learn(
-                    left, callback=[recorder, *callbacks], progress_bar=learner.progress_bar
+                    steps, callback=[recorder, *callbacks], progress_bar=learner.progress_bar
                 )
                 recorder.reach()
             finally:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from curricle.checks import whole_number
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.tabulated_task import needs_of
 from curricle.tasks.observation_task import batch_size
-from curricle.transfer.mapping import no_actions
+from curricle.transfer.mapping import Batch, no_actions
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import Policy
 
@@ -96,7 +96,7 @@ class NetworkValues:
         """Whether the policy has a Q(s, a) for each numbered action."""
         return self.kind in ("q_net", "quantile_net")
 
-    def q(self, observations: object, actions: npt.NDArray[Any]) -> FloatArray:
+    def q(self, observations: Batch, actions: npt.NDArray[Any]) -> FloatArray:
         """Return Q(s, a) in the shape of `actions`; SAC's kind takes one action a state."""
         if self.kind == "value_net":
             raise no_actions(self)
@@ -115,7 +115,7 @@ class NetworkValues:
             values = self._critics(observations, scaled)
         return self._with_offset(values, observations)
 
-    def v(self, observations: object) -> FloatArray:
+    def v(self, observations: Batch) -> FloatArray:
         """Return V(s), (n,) float64."""
         if self.kind == "critic":
             values = self._critics(observations)
@@ -133,7 +133,7 @@ class NetworkValues:
         tensors = {name: torch.as_tensor(value) for name, value in parameters.items()}
         self.policy.load_state_dict(tensors)
 
-    def _seen(self, observations: object) -> Any:
+    def _seen(self, observations: Batch) -> Any:
         if self.policy.training:
             self.policy.set_training_mode(False)
         try:
@@ -144,7 +144,7 @@ class NetworkValues:
                 "mapping's observations= makes them"
             ) from None
 
-    def _outputs(self, observations: Any) -> FloatArray:
+    def _outputs(self, observations: Batch) -> FloatArray:
         """Return Q of every action, (n, A), or of an actor-critic V, (n, 1)."""
         if self.plain is not None and self.plain.takes(observations):
             outputs = self.plain.read(observations).astype(np.float64)
@@ -163,7 +163,7 @@ class NetworkValues:
             outputs = outputs.reshape(len(outputs), -1, n_actions).mean(axis=1)
         return outputs
 
-    def _critics(self, observations: object, actions: object = None) -> FloatArray:
+    def _critics(self, observations: Batch, actions: object = None) -> FloatArray:
         """Return the critics' least Q of scaled actions, by default of the actor's, (n,)."""
         with torch.no_grad():
             seen = self._seen(observations)
@@ -177,7 +177,7 @@ class NetworkValues:
             values = [_array(q)[:, 0] for q in critics]
         return np.asarray(np.stack(values).min(axis=0))
 
-    def _with_offset(self, values: FloatArray, observations: object) -> FloatArray:
+    def _with_offset(self, values: FloatArray, observations: Batch) -> FloatArray:
         if self._standardized is not None:  # of normalised rewards
             values = values * float(self._standardized.running_reward)
         if self.values_offset is None:
@@ -198,7 +198,7 @@ def acting(
     memory: Any = None  # arrays (layers, episodes, size), of those that ran before
     before: Sequence[int] = ()
 
-    def policy(observations: object, running: Sequence[int]) -> Any:
+    def policy(observations: object, running: Sequence[int]) -> npt.NDArray[Any]:
         nonlocal memory, before
         kept, masks = np.isin(before, running), {}
         if masked:
@@ -208,7 +208,7 @@ def acting(
         begins = np.full(len(running), not before)
         actions, memory = model.predict(observations, state, begins, not sampled, **masks)
         before = running
-        return actions
+        return np.asarray(actions)
 
     return policy
 
@@ -240,10 +240,11 @@ class PlainNetwork:
         """The weights of the largest layer."""
         return max(int(layer.weight.numel()) for layer in self.layers)
 
-    def takes(self, observations: Any) -> bool:
+    def takes(self, observations: Batch) -> TypeGuard[npt.NDArray[Any]]:
         """Return whether observations are vectors, (n, D), for which NumPy is quicker."""
-        vectors = isinstance(observations, np.ndarray) and observations.ndim == 2
-        fits = vectors and observations.shape[1] == self.layers[0].weight.shape[1]
+        if not isinstance(observations, np.ndarray) or observations.ndim != 2:
+            return False
+        fits = observations.shape[1] == self.layers[0].weight.shape[1]
         return fits and self.is_quicker_for(len(observations))
 
     def read(self, observations: npt.NDArray[Any]) -> npt.NDArray[np.float32]:

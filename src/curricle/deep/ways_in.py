@@ -259,8 +259,8 @@ def carry_over(model: BaseAlgorithm, shaping: Shaping, *, actor_alone: bool) -> 
             f"{edge.source!r} {foreign[0]}; PolicyReuse takes over the actor"
         )
     in_target, in_source = model.policy.state_dict(), source.policy.state_dict()
-    left = (*VALUE_HEAD, "critic") if actor_alone else ()
-    names = [name for name in in_source | in_target if not name.startswith(left)]
+    critic = (*VALUE_HEAD, "critic") if actor_alone else ()
+    names = [name for name in in_source | in_target if not name.startswith(critic)]
     names = [name for name in names if not name.endswith("running_reward")]  # of its own rewards
     for name in names:
         shapes = [tuple(x[name].shape) if name in x else "missing" for x in (in_source, in_target)]
@@ -274,7 +274,7 @@ def carry_over(model: BaseAlgorithm, shaping: Shaping, *, actor_alone: bool) -> 
         for policy in (source.policy, model.policy)
     ]
     for name in layers[1]:
-        if not name.startswith(left) and layers[0].get(name) != layers[1][name]:
+        if not name.startswith(critic) and layers[0].get(name) != layers[1][name]:
             raise SettingError(
                 "weights can be copied between networks of the same layers only: "
                 f"{name} is {layers[0].get(name)} in the source and {layers[1][name]} in the target"
@@ -298,10 +298,10 @@ class _Reuse:
     def _sample_action(
         self, learning_starts: int, action_noise: ActionNoise | None = None, n_envs: int = 1
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        left = pull(self._current_progress_remaining)  # type: ignore[attr-defined]
-        if np.random.rand() < left:  # noqa: NPY002 - as Stable-Baselines3 draws
-            seen = as_observed(self.guide.task.observations, self._last_obs)  # type: ignore[attr-defined]
-            actions = self.guide.pairs(seen).argmax(axis=1)
+        share = pull(self._current_progress_remaining)  # type: ignore[attr-defined]
+        if np.random.rand() < share:  # noqa: NPY002 - as Stable-Baselines3 draws
+            last = as_observed(self.guide.task.observations, self._last_obs)  # type: ignore[attr-defined]
+            actions = self.guide.pairs(last).argmax(axis=1)
             return actions, actions
         return super()._sample_action(learning_starts, action_noise, n_envs)  # type: ignore[misc, no-any-return]
 

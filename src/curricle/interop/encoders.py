@@ -18,7 +18,7 @@ from gymnasium.spaces import Box, Dict
 from curricle.arrays import FloatTable, IntArray
 from curricle.checks import instance, numbers, whole_number
 from curricle.errors import SettingError, TaskError
-from curricle.interop.minigrid import is_minigrid, quicken
+from curricle.interop.minigrid import MiniGrid, is_minigrid, quicken
 from curricle.tasks.observation_task import stable_text
 from curricle.tasks.spaces import Component, Space
 
@@ -116,7 +116,7 @@ class EncodedObservations(gym.ObservationWrapper[Any, Any, Any]):
         super().__init__(env)
         self.encoded, self.observation_space = encoded, space
 
-    def observation(self, observation: object) -> Any:
+    def observation(self, observation: object) -> object:
         """Return the observation encoded."""
         return self.encoded(self.unwrapped, observation)
 
@@ -149,11 +149,11 @@ class _MiniGridEncoder:
         if self.picture and self.mission:
             raise SettingError("a picture has no mission: got picture=True and mission=True")
 
-    def _cells(self, base: object, observation: Any) -> Cells:
+    def _cells(self, base: MiniGrid, observation: Mapping[str, Any]) -> Cells:
         """Return the cells that are encoded, (width, height, 20)."""
         return _one_hot(observation["image"])
 
-    def _size(self, base: object, image_size: tuple[int, int]) -> tuple[int, int]:
+    def _size(self, base: MiniGrid, image_size: tuple[int, int]) -> tuple[int, int]:
         """Return the width and height in cells, by default of MiniGrid's own image."""
         return image_size
 
@@ -167,7 +167,8 @@ class _MiniGridEncoder:
                 f"{type(self).__name__} reads MiniGrid's own observations, a Dict with an image of "
                 f"codes and the direction: got {stable_text(space)}"
             )
-        width, height = self._size(env.unwrapped, (seen[0], seen[1]))
+        base: Any = env.unwrapped
+        width, height = self._size(base, (seen[0], seen[1]))
         mission = self.mission
         if mission is None:
             # Without placeholders a mission is always the same; BabyAI has another space.
@@ -177,11 +178,11 @@ class _MiniGridEncoder:
         shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)
         if not self.picture:
             shape = (width * height * CHANNELS + DIRECTIONS + len(WORDS) * mission,)
-        quicken(env.unwrapped)
+        quicken(base)
         encoded = partial(self._encoded, mission)
         return EncodedObservations(env, encoded, Box(0, 1, shape, np.float32))
 
-    def _encoded(self, with_mission: bool, base: Any, observation: Any) -> Cells:
+    def _encoded(self, with_mission: bool, base: MiniGrid, observation: Mapping[str, Any]) -> Cells:
         cells = self._cells(base, observation)
         direction = _directions()[observation["direction"]]
         if self.picture:
@@ -258,7 +259,7 @@ class MiniGridFullView(_MiniGridEncoder):
             whole_number(f"{name} of an encoder", getattr(self, name), 3, SettingError)
         super().__post_init__()
 
-    def _size(self, base: Any, image_size: tuple[int, int]) -> tuple[int, int]:
+    def _size(self, base: MiniGrid, image_size: tuple[int, int]) -> tuple[int, int]:
         if base.width > self.width or base.height > self.height:
             raise TaskError(
                 f"a level must fit into its encoder's {self.width} x {self.height} cells: {base} "
@@ -266,7 +267,7 @@ class MiniGridFullView(_MiniGridEncoder):
             )
         return self.width, self.height
 
-    def _cells(self, base: Any, observation: Any) -> Cells:
+    def _cells(self, base: MiniGrid, observation: Mapping[str, Any]) -> Cells:
         codes = np.zeros((self.width, self.height, 3), np.uint8)  # (0, 0, 0) are unseen cells
         self._size(base, (0, 0))  # a reset may make another grid
         left, top = (self.width - base.width) // 2, (self.height - base.height) // 2

@@ -10,10 +10,11 @@ from functools import cached_property
 from importlib import import_module
 from importlib.util import find_spec
 from operator import index
-from typing import TYPE_CHECKING, Any, Literal, TypeGuard
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeGuard
 
 import gymnasium as gym
 import numpy as np
+import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec, registry
 from gymnasium.envs.toy_text.blackjack import BlackjackEnv
 from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
@@ -22,7 +23,7 @@ from gymnasium.envs.toy_text.taxi import TaxiEnv
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from gymnasium.wrappers import TimeLimit as StepLimit
 
-from curricle.arrays import BoolArray, IntArray, frozen
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.checks import BEYOND_64_BITS, brief, one_of, text, whole_number
 from curricle.errors import CurricleError, SettingError, TaskError
 from curricle.interop.encoders import Bins
@@ -38,7 +39,7 @@ from curricle.tasks.grid import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import compiled, draw
 from curricle.tasks.live import OLD_GYM, LiveMDP, is_live
-from curricle.tasks.mdp import FiniteMDP, available_actions, generative_model
+from curricle.tasks.mdp import FiniteMDP, Task, available_actions, generative_model
 from curricle.tasks.models import check_answers, first_state, has_users_code, transition
 from curricle.tasks.observation_task import (
     EnvironmentMaker,
@@ -56,6 +57,17 @@ if TYPE_CHECKING:
 Environment = gym.Env[Any, Any] | str | EnvSpec | EnvironmentMaker | Callable[..., Any]
 TimeLimit = int | None | Literal["own"]
 Form = Literal["index", "components"]
+TableRows = Sequence[Sequence[Sequence[tuple[float, int, float, bool]]]]
+"""[state][action] -> (probability, next state, reward, terminated) of each outcome."""
+
+
+class TableWorld(Protocol):
+    """What is read of a toy-text environment with a transition table."""
+
+    P: TableRows
+    observation_space: Discrete[np.int64]
+    action_space: Discrete[np.int64]
+    initial_state_distrib: FloatArray
 
 
 def from_gymnasium(
@@ -70,7 +82,7 @@ def from_gymnasium(
     encode: Callable[[Any], Any] | None = None,
     live: bool = False,
     action_masks: bool = False,
-    **make_arguments: Any,
+    **make_arguments: object,
 ) -> FiniteMDP | LiveMDP:
     """Return a Gymnasium environment of discrete spaces as a task: by its table, or live.
 
@@ -262,7 +274,7 @@ def opened(environment: Environment, make: EnvironmentMaker) -> AbstractContextM
 
 
 @contextmanager
-def refusals_of_make(source: Any) -> Iterator[None]:
+def refusals_of_make(source: object) -> Iterator[None]:
     """Raise TaskError for whatever ``gymnasium.make`` raises; errors of a function stay as is."""
     try:
         yield
@@ -307,7 +319,7 @@ def suggested_ids(name: str) -> str:
 
 
 def maker_of(
-    environment: Environment, time_limit: TimeLimit, arguments: dict[str, Any]
+    environment: Environment, time_limit: TimeLimit, arguments: dict[str, object]
 ) -> EnvironmentMaker:
     """Return the maker of environments; it makes None where an environment has no specification."""
     arguments = deepcopy(arguments)
@@ -338,7 +350,7 @@ def observation_task(
     discount: float = 0.99,
     time_limit: int | None = None,
     encode: Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]] | None = None,
-    **make_arguments: Any,
+    **make_arguments: object,
 ) -> ObservationTask:
     """Return a Gymnasium environment as a task for deep learners, which see its observations.
 
@@ -396,7 +408,7 @@ def with_space(points: str, space: Space, other: Space | None) -> Space:
     return space if other is None else other
 
 
-def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
+def with_names(space: Space, names: Sequence[str], sizes: object = None) -> Space:
     """Return a space of states with other names; `sizes`, of each name, split a single number."""
     components = ", ".join(space.names)
     if sizes is None and len(names) == len(space.names):
@@ -426,8 +438,6 @@ def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
 
 # -- Gymnasium's toy-text environments -------------------------------------------------------------
 
-Outcomes = list[list[list[tuple[float, int, float, bool]]]]
-
 
 def has_table(env: gym.Env[Any, Any]) -> bool:
     """Return whether an environment has a transition table that describes it completely."""
@@ -448,10 +458,10 @@ def has_table(env: gym.Env[Any, Any]) -> bool:
         return False
 
 
-def outcomes_of(world: Any) -> Outcomes:
+def outcomes_of(world: TableWorld) -> TableRows:
     """Return a table's outcomes, in which entering a state ends the episode always or never."""
     n_states, n_actions = int(world.observation_space.n), int(world.action_space.n)
-    outcomes: Outcomes = [
+    outcomes = [
         [[(p, int(after), r, bool(ended)) for p, after, r, ended in world.P[s][a]]
          for a in range(n_actions)]
         for s in range(n_states)
@@ -470,7 +480,7 @@ def outcomes_of(world: Any) -> Outcomes:
     both = continuing & ends  # the states in which an episode may end or go on
     if not both:
         return outcomes
-    apart: Outcomes = [
+    apart = [
         [[(p, n_states if ended and after in both else after, r, ended)
           for p, after, r, ended in pair]
          for pair in pairs]
@@ -479,7 +489,7 @@ def outcomes_of(world: Any) -> Outcomes:
     return [*apart, [[] for _ in range(n_actions)]]
 
 
-def outcomes_available(world: Any, outcomes: Any) -> Any:
+def outcomes_available(world: TableWorld, outcomes: TableRows) -> TableRows:
     """Return a table's outcomes, [state][action], none for the actions that a world masks."""
     mask_of = getattr(world, "action_mask", None)
     if not callable(mask_of):
@@ -544,13 +554,13 @@ def is_discrete(space: gym.Space[Any]) -> bool:
     return isinstance(space, Discrete | MultiDiscrete | MultiBinary)
 
 
-def _ranges(space: Any) -> list[tuple[int, int]]:
+def _ranges(space: gym.Space[Any]) -> list[tuple[int, int]]:
     """Return how many values each number of a point has, and the lowest; none for fractions."""
     if isinstance(space, MultiBinary):
         space = MultiDiscrete(np.full(space.shape, 2))
     if isinstance(space, MultiDiscrete):
         return [*zip(space.nvec.ravel().tolist(), space.start.ravel().tolist(), strict=True)]
-    if space.dtype.kind not in "iu":
+    if not isinstance(space, Box) or space.dtype.kind not in "iu":
         return []
     ends = zip(space.low.ravel().tolist(), space.high.ravel().tolist(), strict=True)
     return [(high - low + 1, low) for low, high in ends]
@@ -567,7 +577,7 @@ class Number:
 
     space: gym.Space[Any] = field(hash=False)
 
-    def __call__(self, point: Any) -> int:
+    def __call__(self, point: object) -> int:
         """Return the number of a point, negative where it is not in the space."""
         try:
             return self._points.encode_one(tuple(_numbers(self.space, point)))
@@ -585,7 +595,7 @@ class Point:
 
     space: gym.Space[Any] = field(hash=False)
 
-    def __call__(self, number: int) -> Any:
+    def __call__(self, number: int) -> object:
         """Return the point of a number; arrays in it are read-only."""
         values = space_of(self.space, "part").decode(number).values()
         return _assembled(self.space, iter([int(value) for value in values]))
@@ -622,7 +632,7 @@ def _numbers(space: gym.Space[Any], point: Any) -> Iterator[Any]:
         yield from np.asarray(point).ravel().tolist()
 
 
-def _assembled(space: gym.Space[Any], values: Iterator[int]) -> Any:
+def _assembled(space: gym.Space[Any], values: Iterator[int]) -> object:
     """Return a point made of the numbers that come next."""
     if isinstance(space, Discrete):
         return next(values)
@@ -648,15 +658,15 @@ class Coding:
         if not space.is_box:
             self._rows = space.points - [component.low for component in space.components]
 
-    def coded(self, point: int) -> Any:
+    def coded(self, point: int) -> int | IntArray:
         """Return a point in Gymnasium's space: an int, or an int64 array."""
         if self.form == "index":
             return point
         if self._rows is not None:
-            return self._rows[point].copy()
+            return np.array(self._rows[point])
         return np.array(np.unravel_index(point, self.space.shape))
 
-    def number(self, point: Any) -> int:
+    def number(self, point: object) -> int:
         """Return the number of a box's point in Gymnasium's space."""
         number = self._number(point)
         if number == MISSING:
@@ -677,13 +687,18 @@ FIRST_MAZE = """
 """The map of ``Curricle/Maze-v0``: the short way passes a fire, a safe way takes two moves more."""
 
 
-def _begun(model: Any, stream: Any) -> Any:
-    return first_state(model, draw(stream))  # type: ignore[no-untyped-call]
+Stream = npt.NDArray[np.uint64]  # (1,): the state of a random stream
 
 
-def _moved(model: Any, state: Any, action: Any, stream: Any) -> Any:
-    bits = draw(stream)
-    return transition(model, np.uint64(state), np.uint64(action), bits)  # type: ignore[no-untyped-call]
+def _begun(model: tuple[object, ...], stream: Stream) -> int:
+    return first_state(model, draw(stream))  # type: ignore[no-any-return, no-untyped-call]
+
+
+def _moved(
+    model: tuple[object, ...], state: int, action: int, stream: Stream
+) -> tuple[int, float, bool]:
+    bits, pair = draw(stream), (np.uint64(state), np.uint64(action))
+    return transition(model, *pair, bits)  # type: ignore[no-any-return, no-untyped-call]
 
 
 class TaskEnvironment(gym.Env[Any, Any]):
@@ -696,7 +711,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
 
     def __init__(
         self,
-        task: Any,
+        task: Task,
         *,
         observation: Form = "index",
         action: Form = "index",
@@ -727,7 +742,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    ) -> tuple[int | IntArray, dict[str, Any]]:
         """Begin an episode, in ``options["state"]`` if given; return observation and info."""
         super().reset(seed=seed)
         # One draw an episode starts the random stream of the task's transitions.
@@ -740,7 +755,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
         self._steps, self._under_way = 0, True
         return self._states.coded(self._state), self._info()
 
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: object) -> tuple[int | IntArray, float, bool, bool, dict[str, Any]]:
         """Act; return observation, reward, terminated, truncated and info."""
         if not self._under_way:
             raise SettingError("step() needs an episode under way: call reset() first")
@@ -782,7 +797,8 @@ class TaskEnvironment(gym.Env[Any, Any]):
         """Raise TaskError if a function of the task returned an invalid value."""
         if self._users_code and self._model.failure["by"][0]:
             self._under_way, model, self._model = False, self._model, self._rules.model
-            check_answers(self.task, model)
+            task: Any = self.task
+            check_answers(task, model)
 
     def action_masks(self) -> BoolArray:
         """Return which actions are available in the state, (A,) bool, as sb3-contrib asks it."""
@@ -813,7 +829,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
         return state
 
 
-def maze_environment(map: Any = FIRST_MAZE, **settings: Any) -> TaskEnvironment:
+def maze_environment(map: str | Sequence[str] = FIRST_MAZE, **settings: Any) -> TaskEnvironment:
     """Return a :class:`GridWorld`, with settings of both, as ``Curricle/Maze-v0``."""
     forms = {name: settings.pop(name) for name in FORMS & settings.keys()}
     if isinstance(settings.get("rewards"), Mapping):
@@ -828,7 +844,7 @@ def pursuit_environment(**settings: Any) -> TaskEnvironment:
 
 
 def to_gymnasium(
-    task: Any,
+    task: Task,
     *,
     observation: Form = "index",
     action: Form = "index",

@@ -2,18 +2,28 @@
 
 import sys
 from collections import UserDict
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from itertools import count
 from operator import itemgetter
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
+from curricle.arrays import IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError, TaskError
-from curricle.interop.states import Copies, Environment, StateAccess, Words, fingerprint, left_out
+from curricle.interop.states import (
+    Copies,
+    Environment,
+    Restored,
+    StateAccess,
+    Words,
+    fingerprint,
+    left_out,
+)
 from curricle.interop.tabulated_task import Unseen
 from curricle.tasks.spaces import Component, Space
 
@@ -29,10 +39,38 @@ CARRIED, AWAY = -1, -2  # coordinates of an object that the agent carries; of on
 STILL = {"wall", "floor", "goal", "lava"}  # types of objects without a state
 
 
+class Grid(Protocol):
+    """The grid of a level; its objects are MiniGrid's."""
+
+    grid: list[Any]
+    width: int
+    height: int
+
+    def encode(self) -> npt.NDArray[np.uint8]: ...  # noqa: D102
+
+
+class MiniGrid(Protocol):
+    """What is read of an environment of MiniGrid, which need not be installed."""
+
+    grid: Grid
+    width: int
+    height: int
+    agent_pos: tuple[int, int]
+    agent_dir: int
+    agent_view_size: int
+    carrying: Any
+    see_through_walls: bool
+    mission: str
+    max_steps: int
+    step_count: int
+
+    def gen_obs(self) -> dict[str, Any]: ...  # noqa: D102
+
+
 class Level:
     """A level as a reset made it: constant attributes, objects with a state, plain attributes."""
 
-    def __init__(self, number: int, env: Any):
+    def __init__(self, number: int, env: "MiniGrid"):
         self.number = number
         self.constants = {
             name: value for name, value in vars(env).items() if name not in MOVED | SHOWN | REPLACED
@@ -47,9 +85,9 @@ class Level:
                 thing = thing.contains
         objects = [thing for thing in things.values() if thing.type not in STILL]
         # What steps change of MiniGrid's own objects is known; of others all is saved.
-        standard = [type(thing).__module__ == "minigrid.core.world_object" for thing in objects]
-        plain = [thing for thing, known in zip(objects, standard, strict=True) if known]
-        self.others = [thing for thing, known in zip(objects, standard, strict=True) if not known]
+        standard = {id(t) for t in objects if type(t).__module__ == "minigrid.core.world_object"}
+        plain = [thing for thing in objects if id(thing) in standard]
+        self.others = [thing for thing in objects if id(thing) not in standard]
         self.doors = [thing for thing in objects if thing.type == "door"]
         self.movable = [thing for thing in objects if thing.type != "door"]
         self.standard_doors = [thing for thing in plain if thing.type == "door"]
@@ -70,7 +108,7 @@ class Level:
             if name not in self.plain
         }
 
-    def components(self, env: Any) -> Words:
+    def components(self, env: "MiniGrid") -> Words:
         """Return the components of the state that an environment of this level is in."""
         x, y = map(int, env.agent_pos)
         components: dict[str, int | str] = {"level": self.number, "x": x, "y": y}
@@ -95,9 +133,9 @@ def _is_plain(value: object) -> bool:
     return all(map(_is_plain, value)) if isinstance(value, tuple) else isinstance(value, PLAIN)
 
 
-def _place(place: Any) -> Any:
+def _place(place: tuple[int, int] | IntArray | None) -> tuple[int, ...] | None:
     """Return the coordinates of an object as MiniGrid first has them: a tuple, or None."""
-    return place if place is None or type(place) is tuple else tuple(place.tolist())
+    return tuple(place.tolist()) if isinstance(place, np.ndarray) else place
 
 
 def _items(thing: object) -> tuple[tuple[str, Any], ...]:
@@ -195,7 +233,7 @@ def _pay_one(env: Environment) -> str:
     return "goal reward 1"
 
 
-def _time(number: int, env: Any) -> int:
+def _time(number: int, env: "MiniGrid") -> int:
     """Return a time before an episode's end; times of consecutive numbers are far apart."""
     return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))
 
@@ -215,11 +253,11 @@ class _TimelessCopies(Copies):
     def prepare(self, env: Environment) -> None:
         self.note = _pay_one(env)
 
-    def restore(self, env: Environment, content: object) -> tuple[Environment, Sequence[Any]]:
-        copy, generators = super().restore(env, content)
-        base: Any = copy.unwrapped
+    def restore(self, env: Environment, content: object) -> Restored:
+        restored = super().restore(env, content)
+        base: Any = restored.env.unwrapped
         base.step_count = _time(next(self.times), base)
-        return copy, generators
+        return restored
 
 
 EMPTY = bytes((1, 0, 0))  # MiniGrid's codes of a cell without an object
@@ -228,27 +266,27 @@ EMPTY = bytes((1, 0, 0))  # MiniGrid's codes of a cell without an object
 @cache
 def _rows(direction: int, size: int) -> tuple[tuple[tuple[int, int], ...], ...]:
     """Return, row by row from the agent's on, where the cells of its view lie beside it."""
-    ahead, aside = ((1, 0), (0, 1), (-1, 0), (0, -1))[direction], range(-(size // 2), size // 2 + 1)
-    return tuple(
-        tuple((far * ahead[0] - i * ahead[1], far * ahead[1] + i * ahead[0]) for i in aside)
-        for far in range(size)
+    (x, y), aside = (
+        ((1, 0), (0, 1), (-1, 0), (0, -1))[direction],
+        range(-(size // 2), size // 2 + 1),
     )
+    return tuple(tuple((far * x - i * y, far * y + i * x) for i in aside) for far in range(size))
 
 
 @cache
-def _row_seen(seen: int, clear: int, size: int) -> tuple[int, int]:
-    """Return which cells of a row are seen, and of the row behind; bit i is cell i."""
+def _visible_cells(row: int, clear: int, size: int) -> tuple[int, int]:
+    """Return which cells of a row are visible, and of the row behind; bit i is cell i."""
     behind = 0
     for i in range(size - 1):
-        if seen & clear & 1 << i:
-            seen, behind = seen | 2 << i, behind | 3 << i
+        if row & clear & 1 << i:
+            row, behind = row | 2 << i, behind | 3 << i
     for i in range(size - 2, -1, -1):
-        if seen & clear & 2 << i:
-            seen, behind = seen | 1 << i, behind | 3 << i
-    return seen, behind
+        if row & clear & 2 << i:
+            row, behind = row | 1 << i, behind | 3 << i
+    return row, behind
 
 
-def observation_of(env: Any) -> dict[str, Any]:
+def observation_of(env: "MiniGrid") -> dict[str, Any]:
     """Return an environment's observation: what its `gen_obs` returns, but several times as fast.
 
     MiniGrid copies and turns the cells of the view up to five times; here each cell is read once.
@@ -260,7 +298,7 @@ def observation_of(env: Any) -> dict[str, Any]:
     size = env.agent_view_size
     (x, y), direction = map(int, env.agent_pos), int(env.agent_dir)
     image = bytearray(3 * size * size)  # zeros are unseen cells
-    seen = 1 << size // 2
+    visible = 1 << size // 2
     for far, row in enumerate(_rows(direction, size)):
         things, clear = [], 0
         for i, (right, down) in enumerate(row):
@@ -272,14 +310,14 @@ def observation_of(env: Any) -> dict[str, Any]:
                 clear |= 1 << i
         if not far:
             things[size // 2] = env.carrying
-        seen, behind = _row_seen(seen, clear, size)
+        visible, behind = _visible_cells(visible, clear, size)
         if env.see_through_walls:
-            seen = behind = (1 << size) - 1
+            visible = behind = (1 << size) - 1
         for i, thing in enumerate(things):
-            if seen & 1 << i:
+            if visible & 1 << i:
                 at = 3 * (size * (i + 1) - 1 - far)
                 image[at : at + 3] = EMPTY if thing is None else bytes(thing.encode())
-        if not (seen := behind):
+        if not (visible := behind):
             break
     codes = np.frombuffer(image, np.uint8).reshape(size, size, 3)
     return {"image": codes, "direction": env.agent_dir, "mission": env.mission}
@@ -299,10 +337,11 @@ def _observes_as_minigrid(kind: type, grid: type) -> bool:
     return inherited and grid is sys.modules["minigrid.core.grid"].Grid
 
 
-def quicken(env: Any) -> None:
+def quicken(env: Environment) -> None:
     """Let an environment of MiniGrid observe by `observation_of`, unless it observes otherwise."""
+    base: Any = env
     if observes_itself(env):
-        env.gen_obs = partial(observation_of, env)
+        base.gen_obs = partial(observation_of, base)
 
 
 def observes_itself(env: object) -> bool:
@@ -314,7 +353,7 @@ def observes_itself(env: object) -> bool:
 class _View(Unseen, UserDict[str, Any]):
     """An observation that is computed when it is read."""
 
-    def __init__(self, env: object):
+    def __init__(self, env: "MiniGrid"):
         self.env = env
 
     @cached_property
@@ -382,8 +421,9 @@ class MiniGridAccess(StateAccess):
         state = (*agent, grid, objects, level.values_of_plain(attributes), step)
         return state, state
 
-    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> Restored:
         """Return the same environment, put into the state."""
+        assert isinstance(content, tuple)
         base: Any = env
         number, x, y, direction, carrying, grid, objects, plain, step = content
         level = self.levels[number]
@@ -404,9 +444,9 @@ class MiniGridAccess(StateAccess):
             vars(base).update(zip([*level.plain, "mission"], plain, strict=True))
         # Without a time in the states a repeated step is at another time than the first.
         base.step_count = step if self.own_reward else _time(next(self.times), base)
-        return env, (base.np_random,)
+        return Restored(env, (base.np_random,))
 
-    def observation(self, env: Environment, returned: object) -> Any:
+    def observation(self, env: Environment, returned: object) -> object:
         """Return the observation of the state that the environment is in."""
         return returned.data if isinstance(returned, _View) else returned
 

@@ -25,6 +25,7 @@ from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 
+from curricle.arrays import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import same_observation
@@ -47,13 +48,19 @@ def acts_as(env: object, *kinds: type, methods: Sequence[str] = ("step", "reset"
     )
 
 
+Generator = np.random.Generator | np.random.RandomState | random.Random
+GeneratorState = Mapping[str, Any] | tuple[Any, ...]
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
-SHARED: tuple[Any, ...] = random.getstate.__self__, np.random.get_state.__self__  # type: ignore[attr-defined]
+SHARED: tuple[Generator, ...] = random.getstate.__self__, np.random.get_state.__self__  # type: ignore[attr-defined]
 """Python's and NumPy's global generators, which belong to no environment."""
 SALT = 2718  # begins the seeds of repeated steps, so that they are not those of resets
 
 
-def restart(generators: Sequence[Any], repetition: int, states: Mapping[Any, Any]) -> None:
+def restart(
+    generators: Sequence[Generator],
+    repetition: int,
+    states: Mapping[tuple[int, type], GeneratorState],
+) -> None:
     """Seed generators differently in each repetition, or let them go on from their `states`."""
     for place, generator in enumerate(generators):
         kind = kind_of(generator)
@@ -71,7 +78,7 @@ def shared_draws() -> Iterator[Callable[[], bool]]:
             _set(generator, state)
 
 
-def state_of(generator: Any) -> Any:
+def state_of(generator: Generator) -> GeneratorState:
     """Return a generator's state in a form that can be compared."""
     if isinstance(generator, np.random.Generator):
         return generator.bit_generator.state
@@ -81,7 +88,7 @@ def state_of(generator: Any) -> Any:
     return generator.getstate()
 
 
-def _set(generator: Any, state: Any) -> None:
+def _set(generator: Generator, state: Any) -> None:
     if isinstance(generator, np.random.Generator):
         generator.bit_generator.state = state
     elif isinstance(generator, np.random.RandomState):
@@ -91,7 +98,7 @@ def _set(generator: Any, state: Any) -> None:
 
 
 @cache
-def _fresh(kind: Any, place: int, repetition: int) -> Any:
+def _fresh(kind: type[Any], place: int, repetition: int) -> GeneratorState:
     new = kind(SALT + 1000 * place + repetition)
     return new.state if isinstance(new, np.random.BitGenerator) else state_of(new)
 
@@ -126,11 +133,11 @@ class _Reader:
         self.digest = hashlib.blake2b(digest_size=16)
         self.numbers = dict[int, int]()
         self.skipped = set[str]()  # the attributes among `left_out` that were met
-        self.generators = dict[int, Any]()
+        self.generators = dict[int, Generator]()
         self.alive = list[Any]()  # so that no number in `numbers` is given to another object
         self.read(value)
 
-    def tell(self, *parts: Any) -> None:
+    def tell(self, *parts: object) -> None:
         for part in parts:
             content = part if isinstance(part, bytes) else str(part).encode()
             self.digest.update(b"%d:" % len(content) + content)
@@ -229,6 +236,13 @@ TOY_DRAWN = frozenset({"lastaction", "taxi_orientation"})  # of toy-text, where 
 MOST_CELLS = 16  # entries of an array that are part of a state's label, at most
 
 
+class Restored(NamedTuple):
+    """An environment in a state, and the generators from which its steps may draw."""
+
+    env: Environment
+    generators: Sequence[Generator]
+
+
 class StateAccess(ABC):
     """Saves and restores the states of one environment while it is tabulated."""
 
@@ -243,17 +257,17 @@ class StateAccess(ABC):
         """Prepare for the states after a reset."""
 
     @abstractmethod
-    def save(self, env: Environment) -> tuple[Hashable, Any]:
+    def save(self, env: Environment) -> tuple[Hashable, object]:
         """Return a key, equal for equal states, and the content from which to restore the state."""
 
     @abstractmethod
-    def restore(self, env: Environment, content: object) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> Restored:
         """Return an environment in a saved state, maybe `env` itself, and its generators."""
 
     def check(self) -> None:  # noqa: B027 - many have nothing to do
         """Check the settings as soon as all actions have been taken in the first state."""
 
-    def observation(self, env: Environment, returned: object) -> Any:
+    def observation(self, env: Environment, returned: object) -> object:
         """Return the observation, from the observation that a step or reset returned."""
         return returned
 
@@ -304,11 +318,11 @@ class Copies(StateAccess):
     def __init__(self, ignored: frozenset[str]):
         self.ignored, self.unmet = ignored, set(ignored)
 
-    def save(self, env: Environment) -> tuple[Hashable, Any]:
+    def save(self, env: Environment) -> tuple[Hashable, Restored]:
         """Return the environment's digest; and itself, with its generators."""
         reader = _Reader(env, self.ignored | left_out(env))
         self.unmet -= reader.skipped
-        return reader.digest.digest(), (env, [*reader.generators.values()])
+        return reader.digest.digest(), Restored(env, [*reader.generators.values()])
 
     def check(self) -> None:
         """Raise SettingError if `ignore` names an attribute that nothing has."""
@@ -318,11 +332,11 @@ class Copies(StateAccess):
                 f"{', '.join(sorted(self.unmet))}"
             )
 
-    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> Restored:
         """Return a copy, and its generators."""
-        saved, generators = content
-        copy, memo = copied(saved)
-        return copy, [memo[id(part)] for part in generators if id(part) in memo]
+        assert isinstance(content, Restored)
+        copy, memo = copied(content.env)
+        return Restored(copy, [memo[id(part)] for part in content.generators if id(part) in memo])
 
     def describe(self, env: Environment) -> Words:
         """Return the plain attributes of the environment."""
@@ -336,7 +350,7 @@ class SaveAndRestore(StateAccess):
 
     save_state: Callable[[Any], Hashable]
     restore_state: Callable[[Any, Any], Any]
-    generators: list[Any] = field(default_factory=list)
+    generators: list[Generator] = field(default_factory=list)
     copies = False
 
     def begin(self, env: Environment) -> None:
@@ -356,10 +370,10 @@ class SaveAndRestore(StateAccess):
             ) from None
         return state, state
 
-    def restore(self, env: Environment, content: object) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> Restored:
         """Return the same environment, put into the state."""
         self.restore_state(env.unwrapped, content)
-        return env, self.generators
+        return Restored(env, self.generators)
 
     def describe(self, env: Environment) -> Words:
         """Return the numbers and words that are saved."""
@@ -410,7 +424,9 @@ def words_of_state(state: object, before: str = "") -> Words:
     }
 
 
-def counters_of(states: Sequence[Words], before: Any, after: Any, env: Environment) -> list[str]:
+def counters_of(
+    states: Sequence[Words], before: IntArray, after: IntArray, env: Environment
+) -> list[str]:
     """Return the attributes that count steps: 1 higher in each state `after` than `before` it."""
     names = list[str]()
     for name in sorted(vars(env.unwrapped).keys() & states[0].keys()):
@@ -433,7 +449,7 @@ class Reached(NamedTuple):
 
     probability: float
     key: Hashable  # equal for equal states
-    content: Any  # what the state is restored from
+    content: object  # what the state is restored from
     reward: float
     terminated: bool
     truncated: bool
@@ -443,59 +459,38 @@ class Reached(NamedTuple):
     returned: Any = None
 
 
-# What every action does in a state in which episodes are only ever truncated.
-STAY = Reached(1.0, None, None, 0.0, terminated=False, truncated=False)
-
-
-@dataclass(eq=False, slots=True)
-class State:
+class State(NamedTuple):
     """A state, as it was when it was reached first."""
 
-    content: Any  # what it is restored from; None once its actions were taken
-    available: tuple[bool, ...] | None
     terminal: bool
-    observation: Any
+    observation: object
     components: Words
-    queued: bool = False
-
-
-class Outcomes:
-    """The outcomes of all pairs, state x A + action, in columns."""
-
-    def __init__(self) -> None:
-        self.pair, self.next_state = array("q"), array("q")
-        self.probability, self.reward = array("d"), array("d")
-
-    def __len__(self) -> int:
-        return len(self.pair)
-
-    def add(self, pair: int, after: int, reached: Reached) -> None:
-        """Add an outcome of a pair that leads to the state with a number."""
-        self.pair.append(pair)
-        self.next_state.append(after)
-        self.probability.append(reached.probability)
-        self.reward.append(reached.reward)
 
 
 class Search:
-    """All states that can be reached and all outcomes, breadth first, in the order of meeting."""
+    """All states that can be reached and a table of all outcomes, breadth first."""
 
     def __init__(
         self,
         stepper: "World | ListedOutcomes",
         max_states: int,
         max_seconds: float,
-        show: Callable[[str, int, int], Any],  # a sentence; states done and found
+        show: Callable[[str, int, int], object],  # a sentence; states done and found
     ):
         self.stepper, self.show = stepper, show
         self.max_states, self.max_seconds = max_states, max_seconds
-        self.states, self.outcomes = list[State](), Outcomes()
-        self.start = dict[int, float]()  # the probability of each start
+        self.states = list[State]()  # in the order of meeting
+        # The columns of the table of outcomes; a pair is state x A + action.
+        self.pair, self.next_state = array("q"), array("q")
+        self.probability, self.reward = array("d"), array("d")
         self.first = list[int]()  # the state that each start leads to
         self.several = False  # whether resets lead to different states
         self.cut = 0  # states from which nothing goes on, as episodes are truncated there
         self.seconds = self.observing = 0.0  # in all, and for observations and words
-        self._numbers, self._queue = dict[tuple[Hashable, bool], int](), deque[int]()
+        self._numbers = dict[tuple[Hashable, bool], int]()
+        # The states whose actions are to be taken: number, content, available actions.
+        self._queue = deque[tuple[int, object, tuple[bool, ...] | None]]()
+        self._queued = bytearray()  # of each state, whether it was ever in the queue
         self._last: Any = None  # the environment in the state that was reached last
 
     def run(self) -> Self:
@@ -505,25 +500,23 @@ class Search:
         for seed in seeds:
             observed = deepcopy(stepper.look(stepper.start(seed))[0])
             reached = stepper.start(seed)
-            state = self._number(reached)
+            number = self._number(reached)
             if not same_observation(observed, stepper.look(reached)[0]):
                 raise TaskError(
                     f"a reset must follow its seed: two resets of {stepper.name} with seed "
                     f"{seed} differ; let reset call super().reset(seed=seed), and draw from "
                     "self.np_random alone"
                 )
-            self.first.append(state)
-            self.start[state] = self.start.get(state, 0.0) + 1 / len(seeds)
+            self.first.append(number)
         expanded = 0
         while self._queue:
-            number = self._queue.popleft()
-            content, self.states[number].content = self.states[number].content, None
-            available = self.states[number].available
+            number, content, available = self._queue.popleft()
             for action in range(n_actions):
                 if available is not None and not available[action]:
                     continue
                 for reached in stepper.outcomes(content, action):
-                    self.outcomes.add(number * n_actions + action, self._number(reached), reached)
+                    pair, after = number * n_actions + action, self._number(reached)
+                    self._add(pair, after, reached.probability, reached.reward)
                 now, n_states = time.perf_counter(), len(self.states)
                 if now - began > self.max_seconds:
                     raise TaskError(
@@ -532,23 +525,30 @@ class Search:
                         f"done {expanded:,} of them{self._hint()}"
                     )
                 if now - shown > INTERVAL:
-                    shown, speed = now, len(self.outcomes) / (now - began)
+                    shown, speed = now, len(self.pair) / (now - began)
                     sentence = (
                         f"tabulating {stepper.name}: {n_states:,} states, {expanded:,} done, "
                         f"{speed:,.0f} transitions a second"
                     )
                     self.show(sentence, expanded, n_states)
             expanded += 1
-        for number, found in enumerate(self.states):
-            if not (found.queued or found.terminal):
+        for number, state in enumerate(self.states):
+            if not (self._queued[number] or state.terminal):
                 self.cut += 1
                 for pair in range(number * n_actions, (number + 1) * n_actions):
-                    self.outcomes.add(pair, number, STAY)
+                    self._add(pair, number, 1.0, 0.0)
         resets = (stepper.start(max(seeds) + k) for k in range(1, MORE_RESETS + 1))
-        starts = (self._numbers.get((reset.key, False)) in self.start for reset in resets)
-        self.several = len(self.start) > 1 or not all(starts)
+        starts = (self._numbers.get((reset.key, False)) in self.first for reset in resets)
+        self.several = len({*self.first}) > 1 or not all(starts)
         self.seconds = time.perf_counter() - began
         return self
+
+    def _add(self, pair: int, after: int, probability: float, reward: float) -> None:
+        """Add a row to the table of outcomes: a pair that leads to the state `after`."""
+        self.pair.append(pair)
+        self.next_state.append(after)
+        self.probability.append(probability)
+        self.reward.append(reward)
 
     def _number(self, reached: Reached) -> int:
         """Return the number of a state, which is a new number if the state is new."""
@@ -566,19 +566,18 @@ class Search:
             self.observing += time.perf_counter() - before
             observation = deepcopy(observation)  # which a step may change
             components = {**components, **words_of_state(observation, "_")}
-            content, available, terminal = reached.content, reached.available, reached.terminated
-            self.states.append(State(content, available, terminal, observation, components))
-        state = self.states[number]
-        if not (state.queued or reached.terminated or reached.truncated):
-            state.content, state.queued = reached.content, True
-            self._queue.append(number)
+            self.states.append(State(reached.terminated, observation, components))
+            self._queued.append(False)
+        if not (self._queued[number] or reached.terminated or reached.truncated):
+            self._queue.append((number, reached.content, reached.available))
+            self._queued[number] = True
         return number
 
     def _hint(self) -> str:
         """Return why there are many states: a part that counts steps, or that has most values."""
         of_states = [state.components for state in self.states]
-        before = np.array(self.outcomes.pair, np.int64) // self.stepper.n_actions
-        counting = counters_of(of_states, before, np.array(self.outcomes.next_state), self._last)
+        before = np.array(self.pair, np.int64) // self.stepper.n_actions
+        counting = counters_of(of_states, before, np.array(self.next_state), self._last)
         if counting:
             return (
                 f"; {counting[0]!r} counts steps, which state=DeepCopy(ignore={counting}) leaves "
@@ -620,10 +619,10 @@ class World:
     action_masks: bool = False  # whether the environment says which actions can be taken
     transitions: int = 0
     drawing: int = 0  # pairs whose steps draw random numbers
-    shared: Sequence[Any] = ()  # the global generators, if steps or resets draw from them
+    shared: Sequence[Generator] = ()  # the global generators, if steps or resets draw from them
     # The generators' states, where nobody has drawn since; where they were left after a sample.
-    _undrawn: list[Any] | None = None
-    _drawn: dict[tuple[int, type], Any] = field(default_factory=dict)
+    _undrawn: list[GeneratorState] | None = None
+    _drawn: dict[tuple[int, type], GeneratorState] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         views_apart = not self.access.copies
@@ -634,7 +633,7 @@ class World:
         """Return the state after a reset with a seed."""
         self._undrawn, env = None, self.core
         if self.access.copies:
-            env, _ = self.access.restore(self.core, (self.core, []))
+            env, _ = self.access.restore(self.core, Restored(self.core, []))
         returned, info = self._returned("reset", seeded_reset(env, seed))
         _rewind_clocks(env)
         self.access.begin(env)
@@ -668,7 +667,7 @@ class World:
             self._drawn |= {(k, kind_of(g)): state_of(g) for k, g in enumerate(generators)}
             yield reached
 
-    def look(self, reached: Reached) -> tuple[Any, Words]:
+    def look(self, reached: Reached) -> tuple[object, Words]:
         """Return the observation and the components of the state that was reached last."""
         observation = self.access.observation(reached.env, reached.returned)
         for view in self.views:
@@ -745,11 +744,17 @@ def _rewind_clocks(env: Environment) -> None:
             layer._elapsed_steps = LONG_AGO  # type: ignore[assignment]
 
 
-def core_and_views(
-    env: Environment, *, views_apart: bool
-) -> tuple[Environment, list[Any], list[Any]]:
+class Layers(NamedTuple):
+    """The part of an environment that is stepped, and the wrappers apart from it."""
+
+    core: Environment
+    views: list[gym.ObservationWrapper[Any, Any, Any]]  # from the innermost
+    acts: list[gym.ActionWrapper[Any, Any, Any]]  # from the outermost
+
+
+def core_and_views(env: Environment, *, views_apart: bool) -> Layers:
     """Return the part of an environment that is stepped, and the wrappers apart from it."""
-    views, acts = list[Any](), list[Any]()  # from the innermost; from the outermost
+    views, acts = list[Any](), list[Any]()
     while isinstance(env, gym.Wrapper):
         if views_apart and acts_as(env, gym.ObservationWrapper):
             views.insert(0, env)
@@ -758,7 +763,7 @@ def core_and_views(
         elif not acts_as(env, *HARMLESS):
             break
         env = env.env
-    return env, views, acts
+    return Layers(env, views, acts)
 
 
 Listed = Callable[[Any, int], Sequence[tuple[float, Any, float, bool]]]
@@ -816,7 +821,7 @@ class ListedOutcomes:
                 f"{total:.10g}"
             )
 
-    def look(self, reached: Reached) -> tuple[Any, Words]:
+    def look(self, reached: Reached) -> tuple[object, Words]:
         """Return the state, if it is an observation, and its components."""
         state = reached.content
         components = words_of_state(state) if self.parts is None else self.parts(state)
@@ -826,7 +831,7 @@ class ListedOutcomes:
         return Reached(chance, _key(state), state, reward, ended, truncated=False, env=self.env)
 
 
-def _key(state: object) -> Any:
+def _key(state: object) -> Hashable:
     """Return a hashable key, equal for equal states: arrays and lists become tuples."""
     if isinstance(state, np.ndarray):
         state = state.tolist()

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from inspect import signature
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,13 @@ from curricle.transfer.mapping import UNMAPPED
 
 Leaf = npt.NDArray[Any]
 POSITION = "#"  # begins the name of a part of a tuple, before its position
+
+
+class Predicts(Protocol):
+    """A model that acts, such as one of Stable-Baselines3."""
+
+    def predict(self, observations: Any, *, deterministic: bool) -> Any:
+        """Return actions for stacked observations, alone or first in a tuple."""
 
 
 class Unseen:
@@ -62,7 +69,7 @@ class ObservationTable(Frozen):
         super().__setstate__(state)
         self.__post_init__()  # arrays in a dict are writable in a copy
 
-    def batch(self, states: Any = None) -> Any:
+    def batch(self, states: IntArray | None = None) -> Any:
         """Return the observations of some states (default: all), stacked; (n, ...) arrays."""
         chosen = {name: a if states is None else a[states] for name, a in self.parts.items()}
         return assembled(chosen)
@@ -273,7 +280,7 @@ class TabulatedTask(Frozen):
         """Whether outcomes are the environment's own, not estimates."""
         return self.record.samples is None
 
-    def start_from(self, start: Any) -> Self:
+    def start_from(self, start: FloatArray) -> Self:
         """Return the task with these probabilities of starting, (S,), for :func:`with_start`."""
         return replace(self, mdp=replace(self.mdp, start=start))
 
@@ -285,7 +292,7 @@ class TabulatedTask(Frozen):
         """Return the states that n stacked observations show, (n,) int64; as :meth:`state`."""
         return self._observations().many(observations)
 
-    def policy(self, model: Any, *, deterministic: bool = True) -> IntArray | FloatArray:
+    def policy(self, model: "Predicts", *, deterministic: bool = True) -> IntArray | FloatArray:
         """Return the action of a model in each state, or the probability of each action.
 
         Parameters
@@ -418,10 +425,10 @@ def check_sight(model: object) -> None:
         )
 
 
-def action_probabilities(model: Any, observations: object) -> FloatArray:
+def action_probabilities(model: object, observations: object) -> FloatArray:
     """Return the probability of each action under the policy of a model, (n, A)."""
     try:
-        policy = model.policy
+        policy: Any = model.policy  # type: ignore[attr-defined]
         tensor, _ = policy.obs_to_tensor(observations)
         tensors = policy.get_distribution(tensor).distribution.probs
     except AttributeError as error:

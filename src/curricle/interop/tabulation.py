@@ -62,7 +62,7 @@ from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import number_of
-from curricle.tasks.observation_task import layers_of
+from curricle.tasks.observation_task import EnvironmentMaker, layers_of
 from curricle.tasks.spaces import Component, Space, values_of
 from curricle.transfer.bisimulation import merged_outcomes, numbered_rows
 
@@ -174,8 +174,9 @@ class Plan:
             source = ListedOutcomes(env, self.outcomes, *shared, save)
         elif self.state is None and self.samples is None and has_table(env):
             table: Any = base
-            rows = outcomes_available(base, table.P) if self.action_masks else table.P
-            source = ListedOutcomes(env, lambda s, a: rows[s][a], *shared, parts=words_of(base))
+            rows = outcomes_available(table, table.P) if self.action_masks else table.P
+            words = words_of(base, len(table.P))
+            source = ListedOutcomes(env, lambda s, a: rows[s][a], *shared, parts=words)
         with shared_draws() as drawn:
             search = self._explored(source)
             if source is world and drawn():  # seldom, and to ask at every step would take long
@@ -227,7 +228,7 @@ def tabulate(
     max_seconds: float = MOST_SECONDS,
     progress: bool | Callable[[str], Any] | None = None,
     action_masks: bool = False,
-    **make_arguments: Any,
+    **make_arguments: object,
 ) -> TabulatedTask:
     """Return a Gymnasium environment as tables of every state that can be reached.
 
@@ -314,7 +315,9 @@ def tabulate(
     return TabulatedTask(tables.mdp(moves, discount, limit), tables.observations, record)
 
 
-def _opened(environment: Any, make: Any, state: Any) -> AbstractContextManager[Any]:
+def _opened(
+    environment: Environment, make: EnvironmentMaker, state: object
+) -> AbstractContextManager[Any]:
     """Return a context with an environment that nothing else steps."""
     if isinstance(environment, gym.Env):
         try:
@@ -325,13 +328,13 @@ def _opened(environment: Any, make: Any, state: Any) -> AbstractContextManager[A
     return opened(environment, make)
 
 
-def words_of(world: Any) -> Callable[[Any], Words] | None:
+def words_of(env: gym.Env[Any, Any], n_states: int) -> Callable[[int], Words] | None:
     """Return the function from a state of a known environment to its components, if known."""
-    states = names_of(world)[0]
-    if states is None or states.size != len(world.P):
+    states = names_of(env)[0]
+    if states is None or states.size != n_states:
         return None
 
-    def components(state: Any) -> Words:
+    def components(state: int) -> Words:
         values = zip(states.components, values_of(states, int(state)).values(), strict=True)
         return {part.name: part.label(value) if part.labels else value for part, value in values}
 
@@ -350,7 +353,7 @@ def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> 
     if all(observation is not None for observation in observations):
         table = stacked_observations(observations, terminal)
     start, n_states = np.zeros(len(terminal)), len(terminal)
-    start[list(search.start)] = list(search.start.values())
+    np.add.at(start, search.first, 1 / len(search.first))
     space, rows = Space([Component("state", n_states)]), _outcome_rows(search, n_actions, sampled)
     tables = Tables(space, *rows, terminal, start, np.array(search.first), table)
     blocks = np.arange(n_states)
@@ -376,10 +379,8 @@ def _outcome_rows(
     search: Search, n_actions: int, sampled: bool
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return probabilities, successors and rewards, (S A, O) each; a terminal state has none."""
-    outcomes = search.outcomes
-    pair, after, chance, reward = map(
-        np.array, (outcomes.pair, outcomes.next_state, outcomes.probability, outcomes.reward)
-    )
+    columns = search.pair, search.next_state, search.probability, search.reward
+    pair, after, chance, reward = map(np.array, columns)
     if sampled:
         key, which = np.unique(np.stack([pair, after]), axis=1, return_inverse=True)
         pair, after = key

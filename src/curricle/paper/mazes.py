@@ -22,7 +22,7 @@ from curricle.planning import greedy_policy, rollout
 from curricle.progress import Bars
 from curricle.show import COLOURS, content_of, draw_curve, draw_maze, draw_potential, new_figure
 from curricle.statistics import Curve, Interval, Times, mean_interval, midpoint, time_to_threshold
-from curricle.study import StudyConfig, StudyResults
+from curricle.study import Progress as StudyProgress, StudyConfig, StudyResults
 from curricle.text import counted
 from curricle.transfer import relative_objects
 
@@ -60,7 +60,7 @@ class Studies:
             self.say(name)
         return self._run[name]
 
-    def _show(self, name: str, progress: Any) -> None:
+    def _show(self, name: str, progress: StudyProgress) -> None:
         """Show how many units of a study are stored."""
         begins = progress.stored is None
         grow = self.bars.bar(name, len(progress.units) if begins else None)
@@ -145,9 +145,9 @@ def in_thousands(panel: Axes) -> None:
     panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
 
 
-def draw_level(panel: Axes, level: float, **style: Any) -> None:
+def draw_level(panel: Axes, level: float, style: str = "-") -> None:
     """Draw a horizontal grey line, at a return to be reached or at 0."""
-    panel.axhline(level, color=COLOURS["grey"], lw=0.8, **style)
+    panel.axhline(level, color=COLOURS["grey"], lw=0.8, ls=style)
 
 
 def stacked(parts: Iterable[Mapping[str, npt.ArrayLike]]) -> dict[str, npt.NDArray[Any]]:
@@ -309,7 +309,7 @@ def figure2(studies: Studies) -> FigureResult:
     draw_curve(panel, scratch.curve, label="scratch", colour="black", **how)
     draw_curve(panel, curve, label=f"{label} (weak transfer)", colour="blue", **how)
     draw_curve(panel, curve, label="the same, source steps counted (strong)", **strongly)
-    draw_level(panel, scratch.threshold, ls=":")
+    draw_level(panel, scratch.threshold, ":")
     where = 0, scratch.threshold
     panel.annotate("threshold", where, fontsize=8, color=COLOURS["grey"], va="bottom")
     panel.set(xlabel="steps", ylabel="greedy return (sum of rewards)", title="learning curves")
@@ -387,7 +387,7 @@ def figure3(studies: Studies) -> FigureResult:
         arm = results[step][start]
         for shift, values, colour in ((-0.2, arm.saved, "blue"), (0.2, arm.net, "orange")):
             mean = mean_interval(values / 1000)
-            style = {"color": COLOURS[colour], "capsize": 2}
+            style: dict[str, Any] = {"color": COLOURS[colour], "capsize": 2}
             axes[1, 1].bar(x + shift, mean.estimate, 0.38, yerr=whiskers(mean), **style)
         labels.append(f"{'uniform' if start == 10 else 'fixed'} start\nstep {step:g}")
     draw_level(axes[1, 1], 0)
@@ -449,7 +449,7 @@ def figure3(studies: Studies) -> FigureResult:
     )
 
 
-def _draw_saved(panel: Any, arms: Arms, seeds: int, title: str) -> None:
+def _draw_saved(panel: Axes, arms: Arms, seeds: int, title: str) -> None:
     for label, colour, shift, strong in (
         ("weak transfer", COLOURS["blue"], -0.1, False),
         ("strong transfer (source steps counted)", COLOURS["orange"], 0.1, True),
@@ -458,7 +458,13 @@ def _draw_saved(panel: Any, arms: Arms, seeds: int, title: str) -> None:
         for size in SIZES:
             mean = mean_interval((arms[size].net if strong else arms[size].saved) / 1000)
             filling = colour if arms[size].reached == seeds else "white"
-            style = {"color": colour, "fmt": "o", "ms": 5, "mfc": filling, "capsize": 2}
+            style: dict[str, Any] = {
+                "color": colour,
+                "fmt": "o",
+                "ms": 5,
+                "mfc": filling,
+                "capsize": 2,
+            }
             panel.errorbar(size + shift, mean.estimate, yerr=whiskers(mean), **style)
     draw_level(panel, 0)
     xlabel = "size of the source (cells a side)"

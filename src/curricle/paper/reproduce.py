@@ -70,9 +70,14 @@ def reproduce(
         claims = [claim for section in sections for claim in section["claims"]]
         counts = Counter(claim["verdict"] for claim in claims)
         title = "Curriculum Learning via Reward Shaping, reproduced"
-        values = {"counts": counts, "sections": sections, "seeds": seeds_words(seeds)}
+        values = {
+            "title": title,
+            "counts": counts,
+            "sections": sections,
+            "seeds": seeds_words(seeds),
+        }
         files[CLAIMS] = as_json(claims)
-        files["index.html"] = render("paper.html", title=title, **values).encode()
+        files["index.html"] = render("paper.html", values).encode()
         (folder / "data").mkdir(parents=True, exist_ok=True)
         for file, content in files.items():
             write_whole(folder / file, content)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 import curricle as cr
 from curricle.arrays import FloatArray
@@ -168,11 +169,11 @@ def trust(studies: Studies) -> FigureResult:
     )
 
 
-def _draw_starts(panel: Any, hunts: Hunts, excess: Mapping[str, float]) -> None:
+def _draw_starts(panel: Axes, hunts: Hunts, excess: Mapping[str, float]) -> None:
     names = AGGREGATES[::-1]
     for y, name in enumerate(names):
         start = mean_interval(hunts[5, name].greedy_return[:, 0])
-        style = {"fmt": "o", "ms": 5, "capsize": 2, "color": COLOURS["sky"]}
+        style: dict[str, Any] = {"fmt": "o", "ms": 5, "capsize": 2, "color": COLOURS["sky"]}
         panel.errorbar(start.estimate, y, xerr=whiskers(start), **style)
         words = f"values {excess[name]:+.0%} above Q*, in mean |V*|"
         panel.annotate(words, (0.03, y + 0.2), xycoords=("axes fraction", "data"), fontsize=7.5)
@@ -180,11 +181,16 @@ def _draw_starts(panel: Any, hunts: Hunts, excess: Mapping[str, float]) -> None:
     panel.set(xlabel="greedy return at step 0", title="5x5: before training in the target")
 
 
-def _draw_controls(panel: Any, controls: Comparison) -> None:
+def _draw_controls(panel: Axes, controls: Comparison) -> None:
     names = list(controls.contrasts)[::-1]
     for y, name in enumerate(names):
         gain, control = controls.contrasts[name].strong_gain, name != TESTED
-        style = {"fmt": "o", "ms": 5, "capsize": 2, "color": COLOURS["grey" if control else "blue"]}
+        style: dict[str, Any] = {
+            "fmt": "o",
+            "ms": 5,
+            "capsize": 2,
+            "color": COLOURS["grey" if control else "blue"],
+        }
         panel.errorbar(gain.estimate, y, xerr=whiskers(gain), **style)
     panel.axvline(0, color=COLOURS["grey"], lw=0.8)
     labels = [name.replace(f"{TESTED},", "control:") for name in names]
@@ -192,13 +198,13 @@ def _draw_controls(panel: Any, controls: Comparison) -> None:
     panel.set(xlabel="gain over the best opponent (mean return, strong)")
 
 
-def _draw_portfolio(panel: Any, shared: Mapping[str, LearningResult], threshold: float) -> None:
+def _draw_portfolio(panel: Axes, shared: Mapping[str, LearningResult], threshold: float) -> None:
     for name, colour in MAZES.items():
         result = shared[name]
         keep = result.steps <= SHOWN
         curve = Curve(result.steps[keep], result.greedy_return[:, keep])
         draw_curve(panel, curve, label=name, colour=colour, window=mazes.WINDOW)
-    draw_level(panel, threshold, ls=":")
+    draw_level(panel, threshold, ":")
     in_thousands(panel)
     ylabel = "greedy return (sum of rewards)"
     title = "a harmful source, with and without a portfolio"
@@ -211,8 +217,8 @@ MOSTLY = 0.5  # share of seeds in which the choice in a cell must have become wr
 FALLS = 0.22  # mean of phi - Q* above which returns fall, in units of the mean |V*|
 
 
-def _end(result: LearningResult) -> Any:
-    return tenths(result)[:, -1]
+def _end(result: LearningResult) -> FloatArray:
+    return np.asarray(tenths(result)[:, -1])
 
 
 def _change(result: LearningResult) -> Interval:

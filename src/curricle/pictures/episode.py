@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from inspect import signature
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat, TypeVar, overload
 
+import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
@@ -35,16 +36,23 @@ MOST_MOMENTS = 60  # moments that are printed at most
 Frame = npt.NDArray[np.uint8]
 
 
-class Drawn(Sequence[Any]):
+Drawing = TypeVar("Drawing")
+
+
+class Drawn(Sequence[Drawing]):
     """Drawings of states, each made on access: all of a long episode's would fill the memory."""
 
-    def __init__(self, draw: Callable[[int], Any], states: npt.NDArray[np.int64]):
+    def __init__(self, draw: Callable[[int], Drawing], states: npt.NDArray[np.int64]):
         self._draw, self._states = draw, states
 
     def __len__(self) -> int:
         return len(self._states)
 
-    def __getitem__(self, place: Any) -> Any:
+    @overload
+    def __getitem__(self, place: int) -> Drawing: ...
+    @overload
+    def __getitem__(self, place: slice) -> "Drawn[Drawing]": ...
+    def __getitem__(self, place: int | slice) -> "Drawing | Drawn[Drawing]":
         if isinstance(place, slice):
             return Drawn(self._draw, self._states[place])
         return self._draw(int(self._states[place]))
@@ -179,8 +187,8 @@ class Episode:
             for parts in zip_longest(*row, fillvalue=""):
                 lines.append((" " * APART).join(part.ljust(width) for part in parts).rstrip())
             lines += [""] * (len(row[0]) > 1)
-        if left := self.rewards.size + 1 - len(moments):
-            lines.append(f"... and {counted(left, 'more step')}, which a GIF shows")
+        if further := self.rewards.size + 1 - len(moments):
+            lines.append(f"... and {counted(further, 'more step')}, which a GIF shows")
         return "\n".join([*lines, self._summary])
 
     def _moment(self, place: int) -> list[str]:
@@ -198,7 +206,7 @@ class Episode:
 
 
 def played(
-    env: Any,
+    env: gym.Env[Any, Any],
     act: Callable[[Any, Any], Any],
     *,
     seed: int,
@@ -231,9 +239,10 @@ def played(
 # -- pictures that environments draw themselves ----------------------------------------------------
 
 PICTURES = "rgb_array"
+EnvironmentFunction = Callable[[], gym.Env[Any, Any]]
 
 
-def with_pictures(make: Callable[[], Any]) -> Callable[[], Any]:
+def with_pictures(make: EnvironmentFunction) -> EnvironmentFunction:
     """Return a function that makes the same environments, with pictures where they have any."""
     maker = make if isinstance(make, EnvironmentMaker) else EnvironmentMaker(make, {})
     if isinstance(maker.recipe, EnvironmentMaker):
@@ -269,29 +278,29 @@ class Film:
 class _Filmed:
     """An environment that adds a picture to a film at every reset and step."""
 
-    def __init__(self, environment: Any, frames: list[Frame]):
+    def __init__(self, environment: gym.Env[Any, Any], frames: list[Frame]):
         self._environment, self._frames = environment, frames
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._environment, name)
 
-    def reset(self, **settings: Any) -> Any:
-        begun = self._environment.reset(**settings)
+    def reset(self, *, seed: int | None = None) -> tuple[object, dict[str, Any]]:
+        begun = self._environment.reset(seed=seed)
         self._frames.append(frame_of(self._environment))
         return begun
 
-    def step(self, action: Any) -> Any:
+    def step(self, action: object) -> tuple[object, SupportsFloat, bool, bool, dict[str, Any]]:
         followed = self._environment.step(action)
         self._frames.append(frame_of(self._environment))
         return followed
 
 
-def fps_of(environment: Any) -> float:
+def fps_of(environment: gym.Env[Any, Any]) -> float:
     """Return the pictures a second that an environment states; 10 by default."""
     return float(getattr(environment, "metadata", {}).get("render_fps") or 10)
 
 
-def frame_of(environment: Any) -> Frame:
+def frame_of(environment: gym.Env[Any, Any]) -> Frame:
     """Return a picture of an environment, (height, width, 3) uint8; SettingError if it has none."""
     mode = getattr(environment, "render_mode", None)
     picture: Any = environment.render() if mode == PICTURES else None

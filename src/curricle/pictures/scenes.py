@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 from textwrap import shorten
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ from curricle.tasks.grid import MOVES
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.layout import LETTERS, GridLayout
 from curricle.tasks.live import LiveMDP, reset_state
-from curricle.tasks.mdp import generative_model, has_tables, tables
+from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space, parts_of
 from curricle.tasks.start_states import TaskWithStart
@@ -212,20 +212,23 @@ INKS = dict(zip(("blue", "green", "vermillion", "purple", "black"), COATS[:5], s
 """Colours of a view's markers by name."""
 
 
+Moment = TypeVar("Moment")
+
+
 @dataclass(frozen=True)
-class GridScene:
+class GridScene(Generic[Moment]):
     """Figures that move over a grid, and lines of text for components not on the grid."""
 
     letters: Letters  # of the map as text, (rows, columns)
     canvas: Canvas
     objects: Letters  # what lies in cells
-    cells: Callable[[Any], Cells]  # of a moment: of a task the number of its state
+    cells: Callable[[Moment], Cells]  # of a moment: of a task the number of its state
     names: Sequence[str]  # of what moves; "@" is the agent
     figures: Sequence[Figure]  # the same in pictures
     gap: str = ""  # between letters; without it every cell has room for one letter
-    lines: Callable[[Any], list[str]] = lambda moment: []
+    lines: Callable[[Moment], list[str]] = lambda moment: []
 
-    def image(self, moment: Any) -> Pixels:
+    def image(self, moment: Moment) -> Pixels:
         """Return the picture of the grid from above, with the lines below it."""
         cells, lines = self.cells(moment), self.lines(moment)
         # The agent is drawn small in a cell with an object.
@@ -244,14 +247,14 @@ class GridScene:
             draw.text((LINE // 4, LINE * i + LINE // 2), short, INK, font, anchor="lm")
         return np.concatenate([grid, np.array(below)])
 
-    def text(self, moment: Any) -> str:
+    def text(self, moment: Moment) -> str:
         """Return the map with the names of the moving figures, and the lines."""
         cells = self.cells(moment)
         named = zip(self.names, *zip(*cells, strict=True), strict=True)
-        there = stacked(named) if self.gap else dict(zip(cells, self.names, strict=True))
-        wide = max(map(len, there.values()))
+        figures = stacked(named) if self.gap else dict(zip(cells, self.names, strict=True))
+        wide = max(map(len, figures.values()))
         letters = [
-            [there.get((y, x), letter).ljust(wide) for x, letter in enumerate(row)]
+            [figures.get((y, x), letter).ljust(wide) for x, letter in enumerate(row)]
             for y, row in enumerate(self.letters.tolist())
         ]
         return "\n".join([self.gap.join(row).rstrip() for row in letters] + self.lines(moment))
@@ -287,10 +290,10 @@ class LabelScene:
         return self.states.label(state)
 
 
-Scene = GridScene | LabelScene
+Scene = GridScene[int] | LabelScene
 
 
-def scene_of(task: Any) -> Scene:
+def scene_of(task: Task) -> Scene:
     """Return the scene that draws a task: a grid if its states have cells, else a label."""
     if isinstance(task, TaskWithStart):
         return scene_of(task.task)
@@ -313,7 +316,7 @@ def scene_of(task: Any) -> Scene:
 LARGEST_DRAWN = 1_000_000  # states of a task with tables that are made for its picture
 
 
-def in_a_notebook(task: Any) -> str | None:
+def in_a_notebook(task: Task) -> str | None:
     """Return the picture of a task where an episode may start, as HTML; None without a grid."""
     scene = scene_of(task)
     if isinstance(scene, LabelScene):
@@ -337,7 +340,7 @@ def in_a_notebook(task: Any) -> str | None:
     return str(Markup(drawn).format(type(task).__name__, sizes, alt, width, code))
 
 
-def scene_of_view(view: GridView) -> GridScene:
+def scene_of_view(view: GridView) -> GridScene[IntArray]:
     """Return the scene that draws a view; a moment is the cell of each marker, (markers,)."""
     letters, columns = _letters_of(view, view.walls), view.shape[1]
     names, gap = [marker.letter for marker in view.markers], " "
@@ -345,13 +348,13 @@ def scene_of_view(view: GridView) -> GridScene:
     if len(names) < 2:
         names, figures, gap = ["@"], [AGENT], ""
 
-    def cells(numbers: Any) -> Cells:
+    def cells(numbers: IntArray) -> Cells:
         return [divmod(number, columns) for number in numbers.tolist()]
 
     return GridScene(letters, Canvas(letters), letters, cells, names, figures, gap)
 
 
-def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
+def _layout_scene(task: Task, layout: GridLayout) -> GridScene[int]:
     """Return a scene of the agent, walls, objects and markers; other components are lines."""
     states, letters = generative_model(task).states, _letters_of(layout, layout.wall_cells)
     unplaced = set(states.names) - {*layout.components, *layout.markers}
@@ -380,7 +383,7 @@ def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
     return GridScene(text, canvas, letters, cells, names, figures, lines=lines)
 
 
-def _letters_of(grid: GridLayout | GridView, walls: Any) -> Letters:
+def _letters_of(grid: GridLayout | GridView, walls: IntArray) -> Letters:
     """Return the map of a layout or a view: walls, and the letters of objects in cells."""
     letters = np.full(grid.shape, ".")
     letters[tuple((walls - grid.origin).T)] = "#"

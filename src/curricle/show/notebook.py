@@ -1,7 +1,8 @@
 """Pictures of tasks in a notebook: IPython finds them by the names of classes."""
 
 import sys
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
 CLASSES = {
     "FiniteMDP": "curricle.tasks.mdp",
@@ -13,6 +14,15 @@ CLASSES = {
 """Class -> its module; subclasses are drawn, too."""
 
 
+class Formatter(Protocol):
+    """A formatter of IPython's."""
+
+    def for_type_by_name(
+        self, module: str, name: str, draw: Callable[[Any], str | None], /
+    ) -> object:
+        """Have instances of a class drawn by a function."""
+
+
 def register() -> None:
     """Have IPython draw tasks whose states lie on a grid; without IPython do nothing."""
     ipython = sys.modules.get("IPython")
@@ -20,7 +30,7 @@ def register() -> None:
         register_with(shell.display_formatter.formatters["text/html"])
 
 
-def register_with(formatter: Any) -> None:
+def register_with(formatter: Formatter) -> None:
     """Have a formatter of IPython's draw them as HTML."""
     for name, module in CLASSES.items():
         formatter.for_type_by_name(module, name, _drawn)
@@ -29,4 +39,4 @@ def register_with(formatter: Any) -> None:
 def _drawn(task: object) -> str | None:
     from curricle.pictures.scenes import in_a_notebook  # when a task is shown, not with the library
 
-    return in_a_notebook(task)
+    return in_a_notebook(task)  # type: ignore[arg-type]

@@ -59,7 +59,7 @@ METADATA: dict[str, dict[str, Any]] = {
 """Ending -> metadata. Without a date the same results give the same file."""
 
 
-def plot(subject: object, path: str | Path | None = None, *, task: Any = None) -> Figure:
+def plot(subject: object, path: str | Path | None = None, *, task: Task | None = None) -> Figure:
     """Return the figure of a subject, and write it to a file if there is a path.
 
     Parameters
@@ -464,14 +464,15 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = 
     for y in range(top, top + height + 1):
         axes.axhline(y - 0.5, color="#dddddd", lw=0.5, zorder=0)
     for row, column in view.walls:
-        axes.add_patch(_square(row, column, color="#222222"))
+        axes.add_patch(Rectangle(_corner(row, column), 1, 1, color="#222222"))
     middle: Any = {**MIDDLE, "fontsize": 8, "fontweight": "bold"}
     aside = 0.32 if heat and height * width <= MOST_NUMBERS else 0
     for name, row, column, _ in view.objects:
         colour = "w" if name == "pit" and not heat else "k"
         letter = axes.text(column - aside, row - aside, LETTERS[name], color=colour, **middle)
         if not heat:
-            axes.add_patch(_square(row, column, color=TINTS[name], alpha=0.8))
+            square = Rectangle(_corner(row, column), 1, 1, color=TINTS[name], alpha=0.8)
+            axes.add_patch(square)
         elif not aside:
             letter.set_path_effects([withStroke(linewidth=2, foreground="w")])
     for (row, column), letters in stacked(view.letters).items():
@@ -481,8 +482,9 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = 
         axes.set_xlabel(f"column\n{view.words}", fontsize=8)
 
 
-def _square(row: float, column: float, **style: Any) -> Rectangle:
-    return Rectangle((column - 0.5, row - 0.5), 1, 1, **style)
+def _corner(row: float, column: float) -> tuple[float, float]:
+    """Return the x and y at which the square of a cell begins."""
+    return column - 0.5, row - 0.5
 
 
 def draw_potential(
@@ -549,7 +551,9 @@ def draw_potential(
     digits = digits_of(low, high)
     for (row, column), value, over in zip(view.cells, shown, view.ended, strict=True):
         if over:
-            axes.add_patch(_square(row, column, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))
+            corner, grey = _corner(row, column), "#bbbbbb"
+            square = Rectangle(corner, 1, 1, fc="#eeeeee", ec=grey, hatch="///", lw=0)
+            axes.add_patch(square)
         elif height * width <= MOST_NUMBERS:
             red, green, blue, _ = image.to_rgba(value)
             colour = "w" if 0.299 * red + 0.587 * green + 0.114 * blue < DARK else "k"

@@ -57,19 +57,19 @@ from curricle.text import counted, minus, rounded, visible
 # -- templates -------------------------------------------------------------------------------------
 
 
-def render(template: str, **values: Any) -> str:
+def render(template: str, values: Mapping[str, object]) -> str:
     """Return a template filled in; text is escaped, ``Markup`` is not.
 
     Parameters
     ----------
     template : str
         File name in ``assets``.
-    **values
+    values : dict of str to object
         Values of the names in it; ``UndefinedError`` if any is missing.
 
     Examples
     --------
-    >>> page = render("paper.html", title="A < B", counts={}, sections=[], seeds="")
+    >>> page = render("paper.html", {"title": "A < B", "counts": {}, "sections": [], "seeds": ""})
     >>> "<h1>A &lt; B</h1>" in page
     True
     """
@@ -91,7 +91,7 @@ def render(template: str, **values: Any) -> str:
     return environment.get_template(template).render(values)
 
 
-def _visible(value: object) -> Any:
+def _visible(value: object) -> object:
     return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
@@ -201,7 +201,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
     tasks = {r: dict.fromkeys(t for (_, t), why in reasons.items() if r in why) for r in counts}
     ends = [(r, f"{n:,} of {counts.total():,}", listed(tasks[r])) for r, n in counts.most_common()]
     ended = [
-        (*place, Markup("<br>").join(_visible(f"{n}: {e}") for e, n in Counter(why).most_common()))
+        (*place, Markup("<br>").join(visible(f"{n}: {e}") for e, n in Counter(why).most_common()))
         for place, why in reasons.items()
     ]
     total, budget = f"{comparison.total:,}", f"{comparison.budget:,}"
@@ -218,39 +218,44 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         facts |= {"commit": last.commit or "none", "Python": last.python, "machine": last.machine}
         facts |= last.versions
     scripts = ["study.js", UPLOT, "curves.js", *["reload.js"] * bool(banner)]
-    return render(
-        "study.html",
-        name=study.record.name,
-        comparison=comparison,
-        failed={arm: in_words(error) for arm, error in comparison.failed.items()},
-        styles=styles,
-        graphs=graphs(curricula, learnt, reasons),
-        with_scratch=SCRATCH in learnt,
-        audited=audit and (audit.sentence, {arm: audit.rows(arm) for arm in comparison.verdicts}),
-        curves=curves,
-        curve_data=curve_data(comparison, styles, panels),
-        most_seeds=MOST_SEEDS,
-        most_bands=MOST_BANDS,
-        kinds={kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)},
-        swept=effects_rows(effects_of(study)),
-        best=tuning_rows(study.record.tuned),
-        tuned=study.record.tuned,
-        sections=[part for part in analysis.sections if {*part.arms} <= curricula.arms.keys()],
-        replays=films,
-        menu={film.task: [other for other in films if other.task == film.task] for film in films},
-        first=next((film.key for film in [*curricula_first, *films]), ""),
-        not_shown=not_shown,
-        settings=_shared(settings),
-        facts=facts,
-        reasons=[(task, listed(arms), ended) for arms, task, ended in _shared(ended)],
-        ends=ends,
-        banner=banner,
-        scripts=scripts,
-        data={
+    values = {
+        "name": study.record.name,
+        "comparison": comparison,
+        "failed": {arm: in_words(error) for arm, error in comparison.failed.items()},
+        "styles": styles,
+        "graphs": graphs(curricula, learnt, reasons),
+        "with_scratch": SCRATCH in learnt,
+        "audited": audit
+        and (audit.sentence, {arm: audit.rows(arm) for arm in comparison.verdicts}),
+        "curves": curves,
+        "curve_data": curve_data(comparison, styles, panels),
+        "most_seeds": MOST_SEEDS,
+        "most_bands": MOST_BANDS,
+        "kinds": {
+            kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)
+        },
+        "swept": effects_rows(effects_of(study)),
+        "best": tuning_rows(study.record.tuned),
+        "tuned": study.record.tuned,
+        "sections": [part for part in analysis.sections if {*part.arms} <= curricula.arms.keys()],
+        "replays": films,
+        "menu": {
+            film.task: [other for other in films if other.task == film.task] for film in films
+        },
+        "first": next((film.key for film in [*curricula_first, *films]), ""),
+        "not_shown": not_shown,
+        "settings": _shared(settings),
+        "facts": facts,
+        "reasons": [(task, listed(arms), ended) for arms, task, ended in _shared(ended)],
+        "ends": ends,
+        "banner": banner,
+        "scripts": scripts,
+        "data": {
             "replays": {film.key: film.data() for film in films},
             "palettes": {film.palette: shades_of(film.palette) for film in films},
         },
-    )
+    }
+    return render("study.html", values)
 
 
 def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[str, Axes]]:
@@ -416,12 +421,13 @@ class InterimReport:
         arms = arms_so_far(study)
         sentence = f"{so_far}. {_remark(study.record, study.failed, arms)}"
         time, seconds = f"{datetime.now():%X}", round(seconds, 1)
-        banner = Markup(render("banner.html", sentence=sentence, time=time, seconds=seconds))
+        told = {"sentence": sentence, "time": time, "seconds": seconds}
+        banner = Markup(render("banner.html", told))
         if arms:
             part = StudyResults(study.store, study.record.only({*arms, *study.failed}))
             page = page_of(part, banner)
         else:
-            page = render("waiting.html", name=study.record.name, banner=banner)
+            page = render("waiting.html", {"name": study.record.name, "banner": banner})
         write_page(page, self.path)
 
 

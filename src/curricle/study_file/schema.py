@@ -670,10 +670,8 @@ class _TransferTable(ObjectTable):
         """Return the mapping f of a transfer for which no family or candidate makes it."""
         value = self.unmapped_value
         if self.mapping == "auto":
-            edge = f"{self.source} -> {self.target}"
-            scaled = {"scale": self.scale, "shift": self.shift}
-            how = {"fit_unmapped": fit_unmapped, **scaled}
-            return announced(edge, target, source, value, say=say, **how).mapping
+            how = {"fit_unmapped": fit_unmapped, "say": say}
+            return announced(self.transfer(None), target, source, value, **how).mapping
         if is_observation_task(target) and self.factory is None:
             functions = {key: built(getattr(self, key), folder) for key in OF_OBSERVATIONS}
             if self.mapping == "identity":

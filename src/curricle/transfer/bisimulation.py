@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import MappingError
+from curricle.tasks.mdp import FiniteMDP
 from curricle.transfer.mapping import UNMAPPED
 from curricle.transfer.pair import Proposal, TaskPair, apart
 
@@ -40,7 +41,7 @@ class Blocks(NamedTuple):
     pairs: IntArray  # (S, A) the block of each pair, -1 in terminal states; its pairs have one Q*
 
 
-def model_for_refinement(mdp: Any, mean_reward: FloatArray | None = None) -> Model:
+def model_for_refinement(mdp: FiniteMDP, mean_reward: FloatArray | None = None) -> Model:
     """Return the Model of a FiniteMDP; `mean_reward`, (Y,), may replace the MDP's."""
     rewards = (mdp.probability * mdp.reward).sum(axis=1) if mean_reward is None else mean_reward
     return Model(mdp.outcome_row, mdp.probability, mdp.next_state, rewards, mdp.terminal)

@@ -289,7 +289,7 @@ def check_same_observations(target: ObservationTask, source: object) -> None:
         )
 
 
-def _form(space: gym.Space[Any]) -> Any:
+def _form(space: gym.Space[Any]) -> object:
     """Return the parts and shapes of a space of observations, which must agree."""
     if isinstance(space, gym.spaces.Dict):
         return {key: _form(part) for key, part in space.spaces.items()}

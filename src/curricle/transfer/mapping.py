@@ -5,10 +5,10 @@ A mapping maps batches: numbers of states by an index array, observations by fun
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,7 @@ from curricle.tasks.mdp import (
     same_task,
 )
 from curricle.tasks.observation_task import (
+    Observations,
     ObservationTask,
     batch_size,
     is_observation_task,
@@ -34,6 +35,8 @@ from curricle.tasks.observation_task import (
 from curricle.tasks.spaces import MISSING, Decoded
 from curricle.text import brief_repr, counted, printed
 
+Batch: TypeAlias = Observations | Sequence[Any]
+"""n stacked observations of a task, or the numbers of n of its states."""
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
 UNMAPPED = -1
@@ -58,10 +61,10 @@ class ValueSource(Protocol):
     def of_actions(self) -> bool:
         """Whether there are action values, so that :meth:`q` can be called."""
 
-    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+    def q(self, observations: Batch, actions: npt.NDArray[Any]) -> FloatArray:
         """Return Q(s, a), of the shape of `actions`: (n,), or (n, m) for m actions in each."""
 
-    def v(self, observations: Any) -> FloatArray:
+    def v(self, observations: Batch) -> FloatArray:
         """Return V(s), (n,) float64."""
 
 
@@ -89,12 +92,12 @@ class TableValues:
             )
         object.__setattr__(self, "table", table)
 
-    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+    def q(self, observations: Batch, actions: npt.NDArray[Any]) -> FloatArray:
         """Return Q(s, a), of the shape of `actions`."""
         states = np.asarray(observations)
         return np.asarray(self.table[states[:, None] if np.ndim(actions) == 2 else states, actions])
 
-    def v(self, observations: Any) -> FloatArray:
+    def v(self, observations: Batch) -> FloatArray:
         """Return max_a Q(s, a), (n,) float64."""
         return np.asarray(self.table[np.asarray(observations)].max(axis=1))
 
@@ -130,13 +133,13 @@ class FunctionValues:
         """Whether `action_values` is given."""
         return self.action_values is not None
 
-    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+    def q(self, observations: Batch, actions: npt.NDArray[Any]) -> FloatArray:
         """Return Q(s, a), of the shape of `actions`."""
         if self.action_values is None:
             raise no_actions(self)
         return _checked(self.action_values(observations, actions), np.shape(actions))
 
-    def v(self, observations: Any) -> FloatArray:
+    def v(self, observations: Batch) -> FloatArray:
         """Return V(s), (n,) float64."""
         n = batch_size(observations)
         if self.state_values is not None:
@@ -145,7 +148,7 @@ class FunctionValues:
         return np.asarray(self.q(observations, every_action).max(axis=1))
 
 
-def no_actions(values: Any) -> PotentialError:
+def no_actions(values: object) -> PotentialError:
     """Return the error that a source has state values and no action values."""
     return PotentialError(
         "state values cannot tell actions apart, as QInitialisation and LookAheadAdvice need: "
@@ -153,7 +156,7 @@ def no_actions(values: Any) -> PotentialError:
     )
 
 
-def _checked(returned: Any, shape: tuple[int, ...]) -> FloatArray:
+def _checked(returned: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     values = numbers("what a function of values returns", returned, PotentialError)
     if values.shape != shape:
         raise PotentialError(f"a function of values must return shape {shape}: got {values.shape}")
@@ -172,7 +175,9 @@ class TaskMapping(ABC):
     knows_target: bool = False  # whether a search read the target's model for it; not charged
 
     @abstractmethod
-    def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
+    def pairs(
+        self, values: ValueSource, batch: Batch, scale: float = 1.0, shift: float = 0.0
+    ) -> FloatArray:
         """Return phi(s, a) = scale Q_source(f(s, a)) + shift of every action, (n, A) float64."""
 
     @property
@@ -214,9 +219,11 @@ class PairMapping(Frozen, TaskMapping):
         values = q.reshape(*q.shape[:-2], -1)[..., np.maximum(self.index, 0)]
         return transferred(values, self.index, self.unmapped_value, scale, shift)
 
-    def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
+    def pairs(
+        self, values: ValueSource, batch: Batch, scale: float = 1.0, shift: float = 0.0
+    ) -> FloatArray:
         """Return phi(s, a) of the states with these numbers, (n, A) float64, as :meth:`read`."""
-        index = self.index[batch]
+        index = self.index[np.asarray(batch)]
         state, action = np.divmod(np.maximum(index, 0), self.source.actions.size)
         q = values.q(state.ravel(), action.ravel()).reshape(index.shape)
         return transferred(q, index, self.unmapped_value, scale, shift)
@@ -240,9 +247,8 @@ class PairMapping(Frozen, TaskMapping):
         index, available = self.index[live_pairs(self.target)], live_pairs(self.source).ravel()
         readers = np.bincount(index[index >= 0], minlength=available.size)
         used = readers[readers > 0]
-        return Coverage.of(
-            index,
-            index.size,
+        return replace(
+            Coverage.of(index, index.size),
             source_pairs=int(available.sum()),
             never_used=int((available & (readers == 0)).sum()),
             most_readers=int(readers.max()),
@@ -612,7 +618,7 @@ class ObservationMapping(TaskMapping):
         return self.observations, actions, self.status, self.unmapped_value
 
     def pairs(
-        self, values: ValueSource, batch: Any, scale: float = 1.0, shift: float = 0.0
+        self, values: ValueSource, batch: Batch, scale: float = 1.0, shift: float = 0.0
     ) -> FloatArray:
         """Return phi(s, a) of n stacked observations, (n, A) float64."""
         if self.target.n_actions is None:
@@ -643,13 +649,13 @@ class ObservationMapping(TaskMapping):
         return table, distinct[None], column
 
     def states(
-        self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
+        self, values: ValueSource, observations: Batch, scale: float = 1.0, shift: float = 0.0
     ) -> FloatArray:
         """Return Phi(s) = scale V_source(f(s)) + shift, (n,) float64, as :meth:`pairs`."""
         counterparts, status = self._counterparts(observations)
         return self._transferred("V", values.v(counterparts), status, scale, shift)
 
-    def coverage(self, observations: Any) -> "Coverage":
+    def coverage(self, observations: Batch) -> "Coverage":
         """Return how much of a sample of n stacked observations is mapped."""
         counterparts, status = self._counterparts(observations)
         n = batch_size(observations)
@@ -663,12 +669,14 @@ class ObservationMapping(TaskMapping):
             space = self.source.observations
             inside = [*map(space.contains, iterate(batch_space(space, n), counterparts))]
             outside = 1.0 - float(np.mean(np.asarray(inside)[mapped]))
-        return Coverage.of(index, n, outside=outside)
+        return replace(Coverage.of(index, n), outside=outside)
 
-    def _counterparts(self, observations: Any) -> tuple[Any, IntArray | None]:
+    def _counterparts(self, observations: Batch) -> tuple[Any, IntArray | None]:
         """Return the counterparts of observations, and their status: None if all are mapped."""
         n = batch_size(observations)
-        images = observations if self.observations is None else self.observations(observations)
+        images: Any = observations
+        if self.observations is not None:
+            images = self.observations(observations)
         status = None
         if self.status is not None:
             status = np.asarray(self.status(observations))
@@ -699,7 +707,7 @@ class ObservationMapping(TaskMapping):
             )
         return images, status
 
-    def _actions(self, observations: Any, n: int) -> IntArray:
+    def _actions(self, observations: Batch | None, n: int) -> IntArray:
         """Return the source action of each target pair, (n, A)."""
         n_actions = self.target.n_actions
         if callable(self.actions):
@@ -707,7 +715,7 @@ class ObservationMapping(TaskMapping):
         row = np.arange(n_actions or 0) if self.actions is None else self.actions
         return np.broadcast_to(row, (n, len(row)))
 
-    def _checked_actions(self, actions: Any, shape: tuple[int | None, ...]) -> IntArray:
+    def _checked_actions(self, actions: npt.ArrayLike, shape: tuple[int | None, ...]) -> IntArray:
         if self.target.n_actions is None:
             raise MappingError(
                 "a mapping of actions needs a target with numbered actions: got "
@@ -742,7 +750,7 @@ class ObservationMapping(TaskMapping):
         return transferred(values, index, self.unmapped_value, scale, shift)
 
 
-def _integers(name: str, array: Any) -> IntArray:
+def _integers(name: str, array: npt.ArrayLike) -> IntArray:
     if isinstance(array, np.ndarray) and array.dtype == np.int64:
         return array
     values = numbers(f"a mapping's {name}", array, MappingError)
@@ -777,10 +785,10 @@ class Coverage:
     _repr_html_ = printed
 
     @classmethod
-    def of(cls, index: IntArray, size: int, **counts: Any) -> Self:
+    def of(cls, index: IntArray, size: int) -> Self:
         """Return the coverage of pairs whose source pair, `UNMAPPED` or `ENDED` is `index`."""
         mapped, ended = float((index >= 0).mean()), float((index == ENDED).mean())
-        return cls(size, mapped, ended, float((index == UNMAPPED).mean()), **counts)
+        return cls(size, mapped, ended, float((index == UNMAPPED).mean()))
 
     def __str__(self) -> str:
         counts = counted(self.size, "target pair")

@@ -26,6 +26,7 @@ from curricle.transfer.by_components import LARGEST_INDEX, ComponentMapping
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,
+    Batch,
     ObservationMapping,
     ValueSource,
     no_actions,
@@ -174,7 +175,7 @@ class ObservationPotential:
         """Whether it has action values."""
         return self.task.n_actions is not None and all(v.of_actions for v in self.values)
 
-    def pairs(self, observations: Any) -> FloatArray:
+    def pairs(self, observations: Batch) -> FloatArray:
         """Return phi(s, a) of every action, (n, A) float64; PotentialError if not `of_actions`."""
         if not self.of_actions:
             raise no_actions(self)
@@ -183,14 +184,14 @@ class ObservationPotential:
             for edge, values in zip(self.edges, self.values, strict=True)
         )
 
-    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+    def q(self, observations: Batch, actions: npt.NDArray[Any]) -> FloatArray:
         """Return phi(s, a), of the shape of `actions`: (n,), or (n, m)."""
         pairs, chosen = self.pairs(observations), np.asarray(actions)
         if chosen.ndim == 2:
             return np.take_along_axis(pairs, chosen, axis=1)
         return np.asarray(pairs[np.arange(len(pairs)), chosen])
 
-    def v(self, observations: Any) -> FloatArray:
+    def v(self, observations: Batch) -> FloatArray:
         """Return Phi(s), (n,) float64."""
         if self.of_actions:
             return np.asarray(self.pairs(observations).max(axis=1))

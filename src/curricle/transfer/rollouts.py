@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.arrays import FloatArray, frozen
+from curricle.arrays import FloatArray, IntArray, frozen
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.potential import PairPotential
@@ -29,13 +29,14 @@ from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_
 from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.mdp import (
+    Task,
     availability,
     available_actions,
     closed,
     generative_model,
 )
 from curricle.tasks.models import close_row
-from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
+from curricle.tasks.observation_task import Observations, ObservationTask, stack
 from curricle.transfer.potential import ObservationPotential
 
 LARGEST_ARRAY = 1_000_000
@@ -153,8 +154,8 @@ def greedy_episodes(
 ) -> list[ObservationEpisode]:
     """Return episodes of a potential's greedy policy."""
 
-    def policy(observations: Any, _: Sequence[int]) -> Any:
-        return potential.pairs(observations).argmax(axis=1)
+    def policy(observations: Observations, _: Sequence[int]) -> IntArray:
+        return np.asarray(potential.pairs(observations).argmax(axis=1))
 
     return _episodes(potential.task, policy, episodes, stream_start(seed, stream))
 
@@ -166,7 +167,7 @@ def random_episodes(
     start, space = stream_start(seed, "random"), deepcopy(task.actions)
     space.seed(splitmix64(start) >> 33)
 
-    def policy(_: Any, running: Sequence[int]) -> Any:
+    def policy(_: object, running: Sequence[int]) -> list[Any]:
         return [space.sample() for _ in running]
 
     return _episodes(task, policy, episodes, start)
@@ -224,21 +225,25 @@ class ObservationTarget:
         """Number of episodes for mean returns."""
         return self.evaluation.episodes or OBSERVATION_ROLLOUTS
 
-    def observations(self, potential: ObservationPotential) -> Any:
+    def observations(self, potential: ObservationPotential) -> Observations:
         """Return stacked observations of greedy rollouts; of random ones without action values."""
         if potential.of_actions:
             rolled = greedy_episodes(potential, COVERAGE_EPISODES)
         else:
             rolled = random_episodes(self.task, COVERAGE_EPISODES)
         rows = [row for episode in rolled for row in episode.observations]
-        return stack(self.task.observations, rows)
+        stacked: Observations = stack(self.task.observations, rows)
+        return stacked
 
 
 def target_of(
-    task: Any, evaluation: GreedyEvaluation | None = None, *, episodes: int | None = None
+    task: Task | ObservationTask,
+    evaluation: GreedyEvaluation | None = None,
+    *,
+    episodes: int | None = None,
 ) -> Target | ObservationTarget:
     """Return a task with tables or observations as a target."""
-    if not is_observation_task(task):
+    if not isinstance(task, ObservationTask):
         return Target.of(task, evaluation, episodes=ROLLOUTS if episodes is None else episodes)
     number = OBSERVATION_ROLLOUTS if episodes is None else episodes
     evaluation = replace(evaluation or GreedyEvaluation(), method="rollouts", episodes=number)

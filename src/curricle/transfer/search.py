@@ -9,7 +9,7 @@ because the cost of one bad action does not determine the value of a state.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, cast, overload
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,7 +22,7 @@ from curricle.planning.solution import evaluate, greedy_policy
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.graph import steps_to
 from curricle.tasks.mdp import FiniteMDP, Task, closed, has_tables, same_task
-from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.observation_task import ObservationTask
 from curricle.text import brief_repr, counted, printed, shortened
 from curricle.transfer.bisimulation import (
     by_homomorphism,
@@ -332,7 +332,11 @@ class FoundMappings:
 
     _repr_html_ = printed
 
-    def __getitem__(self, place: Any) -> Any:
+    @overload
+    def __getitem__(self, place: int) -> FoundMapping: ...
+    @overload
+    def __getitem__(self, place: slice) -> tuple[FoundMapping, ...]: ...
+    def __getitem__(self, place: int | slice) -> FoundMapping | tuple[FoundMapping, ...]:
         return self.candidates[place]
 
     def __iter__(self) -> Iterator[FoundMapping]:
@@ -542,7 +546,7 @@ def auto_mapping(
     )
     if not len(candidates):
         raise MappingError(f"{bar}: none is found between these tasks")
-    best: FoundMapping = candidates[0]
+    best = candidates[0]
     if not clears_bar(best.scores):
         raise MappingError(
             f"{bar}: the best that is found, {best.how}, regains "
@@ -563,65 +567,79 @@ def auto_mapping(
 
 
 def with_mapping(
-    transfer: Transfer, target: Any, source: Any, *, fit_unmapped: bool = True
+    transfer: Transfer,
+    target: Task | ObservationTask,
+    source: Task | ObservationTask,
+    *,
+    fit_unmapped: bool = True,
 ) -> Transfer:
     """Return a transfer with its mapping, or else with a found mapping, which is printed."""
     if transfer.mapping is not None:
         return transfer
     edge = f"{transfer.source} -> {transfer.target}"
-    if is_observation_task(target) and is_observation_task(source):
+    if isinstance(target, ObservationTask) and isinstance(source, ObservationTask):
         if target.observations != source.observations:
             raise CurriculumError(
                 f"a transfer between different observations needs a mapping: {edge} has none, and "
                 f"the target has {target.observations}, the source {source.observations}"
             )
         return replace(transfer, mapping=ObservationMapping(target, source))
-    fit: Any = {name: getattr(transfer, name) for name in ("scale", "shift")}
     try:
-        best = announced(edge, target, source, fit_unmapped=fit_unmapped, **fit)
+        tasks = cast(Task, target), cast(Task, source)  # or else `announced` says what they lack
+        best = announced(transfer, *tasks, fit_unmapped=fit_unmapped)
     except MappingError as error:
         raise CurriculumError(f"no mapping for {edge}: {error}") from error
     return replace(transfer, mapping=best.mapping)
 
 
 def announced(
-    edge: str,
+    transfer: Transfer,
     target: Task,
     source: Task,
     unmapped_value: float | None = None,
     *,
-    say: Callable[[str], Any] = print,
-    **settings: Any,
+    fit_unmapped: bool = True,
+    say: Callable[[str], object] = print,
+    progress: Progress = None,
 ) -> FoundMapping:
-    """Return the mapping found for an edge; print it and the runner-up."""
+    """Return the mapping found for a transfer; print it and the runner-up."""
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):
             raise MappingError(
                 f"a mapping is found between tasks with tables: the {role} has none; find it "
                 "between smaller members of their family and carry it over by name"
             )
-    best = auto_mapping(target, source, unmapped_value=unmapped_value, **settings)
+    best = auto_mapping(
+        target,
+        source,
+        unmapped_value=unmapped_value,
+        fit_unmapped=fit_unmapped,
+        scale=transfer.scale,
+        shift=transfer.shift,
+        progress=progress,
+    )
     candidates = _remembered(target, source, unmapped_value)
-    say(f"mapping found for {edge}: {best}")
+    say(f"mapping found for {transfer.source} -> {transfer.target}: {best}")
     say(f"  runner-up: {candidates[1] if len(candidates) > 1 else 'none'}")
     return best
 
 
 def _remembered(
-    target: Any, source: Any, unmapped_value: float | None, progress: Progress = None
+    target: Task, source: Task, unmapped_value: float | None, progress: Progress = None
 ) -> FoundMappings:
     """Return the mappings found, from memory for tasks that were searched before."""
     try:
-        memory = _memory(target, source, unmapped_value)
+        memory = _memory(target, source, unmapped_value)  # type: ignore[arg-type]
     except TypeError:  # a user's task may have no hash
         memory = []
     if not memory:
-        how: Any = {"unmapped_value": unmapped_value, "progress": progress}
-        memory.append(find_mappings(target, source, **how))
+        memory.append(
+            find_mappings(target, source, unmapped_value=unmapped_value, progress=progress)
+        )
     return memory[0]
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _memory(target: Any, source: Any, unmapped_value: float | None) -> list[FoundMappings]:
+def _memory(target: Task, source: Task, unmapped_value: float | None) -> list[FoundMappings]:
     """Return the cached list of results for two tasks, which is empty at first."""
     return []
