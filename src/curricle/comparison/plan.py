@@ -423,19 +423,19 @@ def trained_units(
     keep: Callable[[Unit, Any], object],
     failures: Failures,
     *,
-    ahead: Callable[[], int] = lambda: 1,
+    at_once: Callable[[], int] = lambda: 1,
     lost: Callable[[], Exception] = cancelled,
 ) -> Iterator[tuple[Unit, Any]]:
     """Yield each unit with its result when that is kept.
 
-    `send` starts a unit whose sources are kept, at most ``ahead()`` at once. After a failure no
+    `send` starts a unit whose sources are kept, at most ``at_once()`` together. After a failure no
     unit is started that only arms with a failure need. A result that is an exception is the error
     of a unit in another process.
     """
     queue, running = Queue(units), dict[Future[Any], Unit]()
     try:
         while queue.ready or running:
-            most = ahead()
+            most = at_once()
             while queue.ready and len(running) < most:
                 unit = queue.pop()
                 if failures.keeps(unit):

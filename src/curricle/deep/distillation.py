@@ -108,11 +108,11 @@ def _fit(
     mean, spread = float(wanted.mean()), float(wanted.std()) or 1.0
 
     def loss(rows: IntArray) -> torch.Tensor:
-        seen = policy.obs_to_tensor(rows_of(knowledge.observations, rows))[0]
+        inputs = policy.obs_to_tensor(rows_of(knowledge.observations, rows))[0]
         if network is None:
-            values = policy.predict_values(seen)[:, 0]
+            values = policy.predict_values(inputs)[:, 0]
         else:
-            values = network(seen)
+            values = network(inputs)
             values = values if values.dim() == 2 else values.mean(dim=1)  # QR-DQN's quantiles
         error = values - tensor((wanted[rows] - mean) / spread)
         losses = error.square().reshape(len(rows), -1).mean(dim=1)
@@ -120,7 +120,7 @@ def _fit(
             probabilities = tensor(knowledge.policy[rows])
             smooth = (1 - settings.smoothing) * probabilities
             smooth = smooth + settings.smoothing / probabilities.shape[1]
-            logits = policy.get_distribution(seen).distribution.logits
+            logits = policy.get_distribution(inputs).distribution.logits
             losses = losses + functional.cross_entropy(logits, smooth, reduction="none")
         return (losses * weight[rows]).mean()
 

@@ -185,8 +185,8 @@ class Linear:
 def read_zoo(stated: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings with the texts of RL Baselines3 Zoo read, without the task's settings."""
     settings = {name: value for name, value in stated.items() if name not in LEFT_OUT}
-    if left := {name: LEFT_OUT[name] for name in stated if name in LEFT_OUT}:
-        whose = ", ".join(f"{name} ({owner} sets it)" for name, owner in left.items())
+    if ignored := {name: LEFT_OUT[name] for name in stated if name in LEFT_OUT}:
+        whose = ", ".join(f"{name} ({owner} sets it)" for name, owner in ignored.items())
         warnings.warn(f"a deep learner leaves out {whose}", stacklevel=4)
     for name, value in settings.items():
         if isinstance(value, str) and name in ("learning_rate", "clip_range", "clip_range_vf"):

@@ -148,7 +148,7 @@ class TrainedPolicy:
             act = acting(self.model, [env], sampled=not deterministic)
             return played(
                 env,
-                lambda seen, _: act(seen, [0])[()],  # a number where it is one
+                lambda observation, _: act(observation, [0])[()],  # a number where it is one
                 seed=seed,
                 limit=limit,
                 picture=lambda _: frame_of(env),

@@ -53,8 +53,10 @@ class Knowledge(Frozen):
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Return the knowledge of all parts, with means weighted by the parts' states."""
-        seen = [parts_of(part.observations) for part in parts]
-        stacked = {name: np.concatenate([leaves[name] for leaves in seen]) for name in seen[0]}
+        leaves_of = [parts_of(part.observations) for part in parts]
+        stacked = {
+            name: np.concatenate([leaves[name] for leaves in leaves_of]) for name in leaves_of[0]
+        }
         return cls._merged(
             assembled(stacked),
             np.concatenate([part.values for part in parts]),
@@ -358,10 +360,10 @@ def levels_of(table: TabulatedTask) -> IntArray:
     from scipy.sparse import coo_array  # takes time, and few need it
     from scipy.sparse.csgraph import connected_components
 
-    mdp, (here, there) = table.mdp, edges_of(table.mdp)
+    mdp, (state, successor) = table.mdp, edges_of(table.mdp)
     ends = np.concatenate([mdp.terminal, np.zeros(len(mdp.probability), bool)])
-    inner = ~ends[there]
-    edges = np.ones(int(inner.sum())), (here[inner], there[inner])
+    inner = ~ends[successor]
+    edges = np.ones(int(inner.sum())), (state[inner], successor[inner])
     graph = coo_array(edges, shape=(len(ends), len(ends))).tocsr()
     labels = connected_components(graph, directed=False)[1]
     return np.asarray(labels[: len(mdp.terminal)], np.int64)

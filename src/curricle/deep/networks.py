@@ -166,12 +166,12 @@ class NetworkValues:
     def _critics(self, observations: Batch, actions: object = None) -> FloatArray:
         """Return the critics' least Q of scaled actions, by default of the actor's, (n,)."""
         with torch.no_grad():
-            seen = self._seen(observations)
+            inputs = self._seen(observations)
             if actions is None:
-                taken = self.policy._predict(seen, deterministic=True)
+                taken = self.policy._predict(inputs, deterministic=True)
             else:
                 taken = torch.as_tensor(actions, device=self.policy.device)
-            critics = self.policy.critic(seen, taken)
+            critics = self.policy.critic(inputs, taken)
             if isinstance(critics, torch.Tensor):  # TQC's quantiles, (n, critics, quantiles)
                 critics = critics.mean(dim=2, keepdim=True).unbind(1)
             values = [_array(q)[:, 0] for q in critics]
@@ -333,12 +333,12 @@ class Standardized(BaseFeaturesExtractor):
 
     def see(self, policy: "BasePolicy", observations: object, venv: "VecEnv | None" = None) -> None:
         """Count n observations in, and take over the spread of a ``VecNormalize``'s returns."""
-        seen = policy.obs_to_tensor(observations)[0]
-        seen = preprocess_obs(seen, self._observation_space, policy.normalize_images)
+        inputs = policy.obs_to_tensor(observations)[0]
+        inputs = preprocess_obs(inputs, self._observation_space, policy.normalize_images)
         count: Any = self.running_count
-        n = batch_size(seen)
+        n = batch_size(inputs)
         for key, name in self.numbers.items():
-            part = seen[key] if key else seen
+            part = inputs[key] if key else inputs
             mean, var = getattr(self, f"{name}_mean"), getattr(self, f"{name}_var")
             weight, shift = n / (count + n), part.mean(0) - mean
             mean.add_(shift * weight)

@@ -116,8 +116,8 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         done = self._episodes.step(rows, rewards.tolist(), *ends, begun, observations)
         sources, shaped_infos = self._potential.sources, []
         parts = zip(infos, rewards.tolist(), done.shaping, done.phi, strict=True)
-        for i, (info, reward, (shaping, *terms), there) in enumerate(parts):
-            shown = {"original_reward": reward, "shaping": shaping, "potential": there[0]}
+        for i, (info, reward, (shaping, *terms), potentials) in enumerate(parts):
+            shown = {"original_reward": reward, "shaping": shaping, "potential": potentials[0]}
             if len(sources) > 1:
                 shown["shaping_terms"] = dict(zip(sources, terms, strict=True))
             shaped_infos.append({**info, **shown, **done.ended.get(i, {})})

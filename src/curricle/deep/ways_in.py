@@ -161,19 +161,19 @@ class ResidualQNetwork(QNetwork):
         return torch.cat([features, scaled], dim=1)
 
 
-def as_observed(space: Space[Any], seen: Observations) -> Observations:
+def as_observed(space: Space[Any], observations: Observations) -> Observations:
     """Return n observations as a task has them: Stable-Baselines3 moves pictures' channels."""
-    if isinstance(seen, dict):
+    if isinstance(observations, dict):
         assert isinstance(space, Dict)
-        return {key: _part_as_observed(space[key], part) for key, part in seen.items()}
-    return _part_as_observed(space, seen)
+        return {key: _part_as_observed(space[key], part) for key, part in observations.items()}
+    return _part_as_observed(space, observations)
 
 
-def _part_as_observed(space: Space[Any], seen: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _part_as_observed(space: Space[Any], part: npt.NDArray[Any]) -> npt.NDArray[Any]:
     shape: tuple[int, ...] = space.shape or ()
-    if seen.shape[1:] != shape and seen.ndim == 4:
-        return np.moveaxis(seen, 1, -1)
-    return seen.reshape(len(seen), *shape)
+    if part.shape[1:] != shape and part.ndim == 4:
+        return np.moveaxis(part, 1, -1)
+    return part.reshape(len(part), *shape)
 
 
 class PotentialCache:
@@ -194,23 +194,27 @@ class PotentialCache:
         phi, best = map(torch.from_numpy, arrays)
         return phi.to(device), best.to(device)
 
-    def read(self, seen: Observations) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def read(self, arrays: Observations) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Return phi(s, a), (n, A), and Phi(s), (n, 1), of arrays."""
-        if isinstance(seen, dict):
-            both = self._computed(seen)
+        if isinstance(arrays, dict):
+            both = self._computed(arrays)
         else:
-            seen = np.ascontiguousarray(seen)
-            keys = seen.reshape(len(seen), -1).view(f"V{seen.nbytes // len(seen)}")[:, 0].tolist()
+            arrays = np.ascontiguousarray(arrays)
+            keys = (
+                arrays.reshape(len(arrays), -1)
+                .view(f"V{arrays.nbytes // len(arrays)}")[:, 0]
+                .tolist()
+            )
             if not all(map(self.places.__contains__, keys)):
-                self._add(keys, seen)
+                self._add(keys, arrays)
             both = self.values[list(map(self.places.__getitem__, keys))]
         return both[:, 1:], both[:, :1]
 
-    def _computed(self, seen: Observations) -> npt.NDArray[np.float32]:
-        phi = self.potential.pairs(as_observed(self.potential.task.observations, seen))
+    def _computed(self, arrays: Observations) -> npt.NDArray[np.float32]:
+        phi = self.potential.pairs(as_observed(self.potential.task.observations, arrays))
         return np.concatenate([phi.max(axis=1, keepdims=True), phi], axis=1, dtype=np.float32)
 
-    def _add(self, keys: list[bytes], seen: npt.NDArray[Any]) -> None:
+    def _add(self, keys: list[bytes], rows: npt.NDArray[Any]) -> None:
         """Cache phi of the observations that are not cached yet."""
         if len(self.places) * (len(keys[0]) + 4 * (1 + self.n_actions)) > MAX_BYTES:
             self.places.clear()
@@ -220,7 +224,7 @@ class PotentialCache:
             larger = np.empty((max(2 * needed, 1024), 1 + self.n_actions), np.float32)
             larger[:used] = self.values[:used]
             self.values = larger
-        self.values[used:needed] = self._computed(seen[list(new.values())])
+        self.values[used:needed] = self._computed(rows[list(new.values())])
         self.places |= zip(new, range(used, needed), strict=True)
 
 

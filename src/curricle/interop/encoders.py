@@ -162,13 +162,13 @@ class _MiniGridEncoder:
         if not is_minigrid(env):
             raise TaskError(f"{type(self).__name__} is for MiniGrid's environments: got {env}")
         image = space.spaces.get("image") if isinstance(space, Dict) else None
-        if image is None or len(seen := image.shape or ()) != 3 or seen[2] != 3:
+        if image is None or len(sides := image.shape or ()) != 3 or sides[2] != 3:
             raise TaskError(
                 f"{type(self).__name__} reads MiniGrid's own observations, a Dict with an image of "
                 f"codes and the direction: got {stable_text(space)}"
             )
         base: Any = env.unwrapped
-        width, height = self._size(base, (seen[0], seen[1]))
+        width, height = self._size(base, (sides[0], sides[1]))
         mission = self.mission
         if mission is None:
             # Without placeholders a mission is always the same; BabyAI has another space.

@@ -29,9 +29,9 @@ def layout_of(task: object) -> GridLayout | None:
         ends = f"_{up}", f"_{across}"
         for name in [name.removesuffix(ends[0]) for name in values if name.endswith(ends[0])]:
             if name + ends[1] in values:
-                there = np.stack([values[name + end] for end in ends], axis=1)
-                inside = ((there >= origin) & (there <= last)).all(axis=1, keepdims=True)
-                moving[name] = np.where(inside, there, cells)
+                places = np.stack([values[name + end] for end in ends], axis=1)
+                inside = ((places >= origin) & (places <= last)).all(axis=1, keepdims=True)
+                moving[name] = np.where(inside, places, cells)
     rows, columns = (last - origin + 1).tolist()
     corner = int(origin[0]), int(origin[1])
     objects = _ends_of(task, cells)

@@ -191,7 +191,7 @@ def _of_components(task: object, fixed: At, mover: str | None = None) -> GridVie
             f"of {', '.join(space.names)}: it leaves {names or 'none'}"
         )
     states = space.encode(**values, **sides)
-    there = states != MISSING
+    exists = states != MISSING
     (top, left), (bottom, right) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
     kept = [part for part in space.components if part.name in values]
     labelled = [(part, labelled_cells(part)) for part in kept]
@@ -201,21 +201,21 @@ def _of_components(task: object, fixed: At, mover: str | None = None) -> GridVie
     texts = [legend.get(p.name, f"{p.name} {p.label(values[p.name])}") for p in kept]
     moving = f"cells: where {free[0].name} is" if len(free) == 1 else ""
     return GridView(
-        states=states[there],
-        cells=cells[there],
+        states=states[exists],
+        cells=cells[exists],
         origin=(top, left),
         shape=(bottom - top + 1, right - left + 1),
         letters=letters,
         words="; ".join(filter(None, (moving, ", ".join(texts)))),
-        **_of_task(task, states[there], mover, is_map=True),
+        **_of_task(task, states[exists], mover, is_map=True),
     )
 
 
-def _check_names(fixed: At, known: Sequence[str]) -> None:
-    unknown = [name for name in fixed if name not in known]
+def _check_names(fixed: At, names: Sequence[str]) -> None:
+    unknown = [name for name in fixed if name not in names]
     if unknown:
         raise SettingError(
-            f"at must name components of a state, {', '.join(known)}: got {unknown[0]!r}"
+            f"at must name components of a state, {', '.join(names)}: got {unknown[0]!r}"
         )
 
 
@@ -229,8 +229,8 @@ def _value(component: Component, value: object) -> int:
 def _lettered(places: Mapping[str, IntArray]) -> tuple[Letters, dict[str, str]]:
     """Return letters for the components fixed in cells, name -> (row, column), and a legend."""
     letters = marker_letters(places)
-    there = [(letters[name], int(row), int(column)) for name, (row, column) in places.items()]
-    return tuple(there), {name: f"{letter}: {name}" for name, letter in letters.items()}
+    letters_at = [(letters[name], int(row), int(column)) for name, (row, column) in places.items()]
+    return tuple(letters_at), {name: f"{letter}: {name}" for name, letter in letters.items()}
 
 
 def marker_letters(names: Iterable[str]) -> dict[str, str]:

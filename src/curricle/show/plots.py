@@ -343,12 +343,12 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
     ends = np.concatenate(list(final.values()))
     return_scale(axes.xaxis, float(ends.min()), float(ends.max()), "τ: final mean return")
     tau = np.unique([*axes.get_xlim(), *ends])
-    curricula = left = sum(not style.control for style in styles.values())
+    curricula = curricula_to_draw = sum(not style.control for style in styles.values())
     for name, style in controls_first(styles):
         share = performance_profile(final[name], tau)
-        left -= not style.control
+        curricula_to_draw -= not style.control
         # Later lines are thinner, so that none hides one below it.
-        width = 1.2 + (0.0 if style.control else 2 * left / curricula)
+        width = 1.2 + (0.0 if style.control else 2 * curricula_to_draw / curricula)
         drawn: Any = {"color": style.colour, "label": name, "lw": width, "drawstyle": "steps-post"}
         axes.plot(tau, share.estimate, linestyle=style.dashes, **drawn)
         if share.n > 1 and len(styles) <= MOST_BANDS:

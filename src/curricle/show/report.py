@@ -338,8 +338,8 @@ def curve_data(
     if isinstance(scale, SymmetricalLogTransform):
         symlog = 10.0 ** math.floor(math.log10(scale.linthresh))  # a round number to print
     low, high = panels["strong"].get_ylim()
-    seen = symlog / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
-    digits = max(0, math.ceil(-math.log10(seen)))
+    smallest = symlog / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
+    digits = max(0, math.ceil(-math.log10(smallest)))
     steps, seeds = comparison.scratch.curve.steps, min(comparison.seeds, MOST_SEEDS)
     # The checkpoints of means that are kept, and those of seeds.
     begins = [shown_curve(comparison, name, strong=True)[1] for name in styles]

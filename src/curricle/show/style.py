@@ -154,12 +154,12 @@ def caption(figure: Figure, text: str) -> None:
 def write_columns(axes: Axes, columns: Sequence[Sequence[str]]) -> None:
     """Write columns of text to the right of a panel: the head above it, entry r at y = r."""
     place: Any = {"textcoords": "offset points", "va": "center", "fontsize": 7.5}
-    left = 6.0
+    x = 6.0
     for head, *rows in columns:
-        axes.annotate(head, (1, 1), (left, 8), xycoords="axes fraction", color="#555555", **place)
+        axes.annotate(head, (1, 1), (x, 8), xycoords="axes fraction", color="#555555", **place)
         for row, text in enumerate(rows):
-            axes.annotate(text, (1, row), (left, 0), xycoords=("axes fraction", "data"), **place)
-        left += 4.0 * max(len(text) for text in (head, *rows)) + 8
+            axes.annotate(text, (1, row), (x, 0), xycoords=("axes fraction", "data"), **place)
+        x += 4.0 * max(len(text) for text in (head, *rows)) + 8
 
 
 # -- axes of returns, which may span decades, and of steps -----------------------------------------

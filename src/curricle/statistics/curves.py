@@ -153,11 +153,11 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
 
 def require_pair(baseline: Curve, transfer: Curve) -> None:
     """Raise SettingError unless two curves have the same seeds and checkpoints."""
-    ours, theirs = len(baseline.values), len(transfer.values)
-    if ours != theirs:
+    seeds, theirs = len(baseline.values), len(transfer.values)
+    if seeds != theirs:
         raise SettingError(
             "baseline and transfer must hold the same seeds, row by row:"
-            f" got {ours} and {theirs} seeds"
+            f" got {seeds} and {theirs} seeds"
         )
     if not np.array_equal(baseline.steps, transfer.steps):
         ends = [f"{curve.steps.size} ending at {curve.steps[-1]}" for curve in (baseline, transfer)]

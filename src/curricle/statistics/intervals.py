@@ -120,11 +120,11 @@ def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDE
     array = _seeds(values)
     k = len(array)
     cut = k // 4
-    left = k - 2 * cut
+    remaining = k - 2 * cut
     ordered = np.sort(array, axis=0)
     kept = np.clip(ordered, ordered[cut], ordered[k - 1 - cut])
-    spread = kept.std(axis=0, ddof=min(1, k - 1)) * math.sqrt((k - 1) / max(left - 1, 1))
-    return _student(kept, interquartile_mean(array), spread, left, confidence)
+    spread = kept.std(axis=0, ddof=min(1, k - 1)) * math.sqrt((k - 1) / max(remaining - 1, 1))
+    return _student(kept, interquartile_mean(array), spread, remaining, confidence)
 
 
 def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
@@ -219,8 +219,8 @@ def extremes(returns: Sequence[FloatArray]) -> tuple[float, float]:
     # cover it in 85 % of cases, of 5 seeds in 94.5 %, of 3 seeds in each of 2 arms in 94 %.
     if sum(map(len, returns)) < FEWEST_CURVES:
         return -math.inf, math.inf
-    known = np.concatenate([array[np.isfinite(array)] for array in returns])
-    return (float(known.min()), float(known.max())) if known.size else (-math.inf, math.inf)
+    finite = np.concatenate([array[np.isfinite(array)] for array in returns])
+    return (float(finite.min()), float(finite.max())) if finite.size else (-math.inf, math.inf)
 
 
 def _triple(numbers: FloatArray) -> str:

@@ -362,7 +362,7 @@ class Training:
         if units or not words:
             self.show(Progress(units, None, now(), words))
         # for one worker at least: some clusters start workers only when there are calls
-        places: Any = {"ahead": lambda: AHEAD * max(1, now()), "lost": workers.lost}
+        places: Any = {"at_once": lambda: AHEAD * max(1, now()), "lost": workers.lost}
         for unit, result in trained_units(units, send, keep, failures, **places):
             if track is not None:
                 node = arms.curricula[unit.arm].node(unit.task)
