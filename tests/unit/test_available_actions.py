@@ -14,7 +14,7 @@ from curricle.interop import from_gymnasium, tabulate, to_gymnasium
 from curricle.learning import OptimisticQLearning
 from curricle.planning.rollouts import random_rollouts, rollout
 from curricle.tasks import ComputedMDP
-from curricle.transfer.rollouts import greedy_start
+from curricle.transfer.rollouts import potential_return
 from curricle.transfer.search import score_mapping
 from tests.support.tasks import random_mdp, with_masks
 
@@ -168,7 +168,7 @@ def test_a_target_reads_no_value_for_an_action_that_it_lacks():
     )
 
 
-def test_a_potential_that_is_looked_up_skips_what_the_target_lacks(monkeypatch):
+def test_a_potential_that_is_looked_up_skips_what_the_target_lacks():
     cells = cr.Space([cr.Component("row", 2), cr.Component("column", 3)])
     source = replace(random_mdp(8, n_actions=4, time_limit=9), states=cells)
     target = with_masks(source, 8)
@@ -182,10 +182,9 @@ def test_a_potential_that_is_looked_up_skips_what_the_target_lacks(monkeypatch):
     phi = plan.train().potentials["target"][0]
     best = phi.values.max(axis=1)  # a pair that is not available has the value of another
     np.testing.assert_array_equal(phi.v(np.arange(6)), best)
-    evaluation = cr.GreedyEvaluation(method="exact")
-    of_array = greedy_start(phi, evaluation)
-    monkeypatch.setattr("curricle.transfer.rollouts.LARGEST_ARRAY", 0)
-    assert greedy_start(phi, evaluation) == of_array == results[0].greedy_return[0, 0]
+    at_start = cr.planning.Target.of(target, cr.GreedyEvaluation(method="exact"))
+    start = potential_return(phi, at_start)
+    assert start == results[0].greedy_return[0, 0]
 
 
 def test_searches_map_tasks_with_available_actions():

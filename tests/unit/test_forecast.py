@@ -17,7 +17,7 @@ from curricle.comparison.plan import Memory
 from curricle.comparison.trial import Trial, affordable, apart, hindrance, rows_of, run_trial
 from curricle.errors import CurriculumError, SettingError
 from curricle.study import read_study
-from curricle.transfer.rollouts import greedy_start
+from curricle.transfer.rollouts import potential_return, target_of
 from tests.support.comparisons import MAZE, arm_of, assert_same, copied, corner, pursuit
 from tests.support.studies import CORNER
 
@@ -129,8 +129,8 @@ def test_of_a_live_target_it_says_what_the_potential_s_own_policy_returns():
     plan = copied(lake, budget={"near": cr.StoppingRule(600), "far": 60})
     predicted = cr.forecast(plan, seeds=2, episodes=30)
     potentials = plan.potentials("far", predicted.trained)
-    evaluation = cr.GreedyEvaluation(method="rollouts", episodes=30)
-    starts = [greedy_start(phi, evaluation, seed=k) for k, phi in enumerate(potentials)]
+    target = target_of(lake, episodes=30)
+    starts = [potential_return(phi, target, seed=k) for k, phi in enumerate(potentials)]
     assert predicted.start.potential == np.mean(starts)
     assert predicted.start.random != predicted.start.potential
     assert (

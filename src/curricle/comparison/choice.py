@@ -29,7 +29,7 @@ from curricle.comparison.comparison import (
 from curricle.comparison.measures import Arm, Reference
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
-from curricle.comparison.sentences import short
+from curricle.comparison.sentences import columns_of, interval_of, short
 from curricle.comparison.task_differences import differences
 from curricle.comparison.trial import WINDOW, hindrance
 from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
@@ -147,9 +147,8 @@ class Choice:
         """Return the sentence and the table in lines of at most `width` characters."""
         cells = list[tuple[str, ...]]()
         for row in self.rows[:SHOWN]:
-            gain = Interval(row["gain"], row["gain_low"], row["gain_high"], 0.95, row["seeds"])
             numbers = f"{row['source_steps']:,.0f}", f"{row['seeds']}", f"{row['mean_return']:.4g}"
-            cells.append((row["name"], *numbers, short(gain), row["answer"]))
+            cells.append((row["name"], *numbers, short(interval_of("gain", row)), row["answer"]))
         lines = [folded(self.sentence, width), *text_table(HEADS, cells, width, prose=True)]
         return "\n".join([*lines, *(folded(remark, width) for remark in self.remarks)])
 
@@ -188,9 +187,7 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
             "source_steps": float(arm.curve.source_steps.mean()),
             "seeds": len(returns),
             "mean_return": float(returns.mean()),
-            "gain": float(gain.estimate),
-            "gain_low": float(gain.low),
-            "gain_high": float(gain.high),
+            **columns_of("gain", gain),
             "answer": answer,
         }
 

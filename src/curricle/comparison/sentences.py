@@ -32,6 +32,17 @@ def short(interval: Interval) -> str:
     return "-" if np.isnan(interval.estimate) else str(interval).rsplit(",", 1)[0]
 
 
+def columns_of(key: str, interval: Interval) -> dict[str, float]:
+    """Return an interval as columns of a row: name, name_low, name_high."""
+    numbers = {"": interval.estimate, "_low": interval.low, "_high": interval.high}
+    return {f"{key}{end}": float(number) for end, number in numbers.items()}
+
+
+def interval_of(key: str, row: Row) -> Interval:
+    """Return the interval that :func:`columns_of` wrote into a row."""
+    return Interval(row[key], row[f"{key}_low"], row[f"{key}_high"], 0.95, row["seeds"])
+
+
 def signed(interval: Interval) -> str:
     """Return an interval without its seeds, with a sign and no-break spaces."""
     return "+" * (float(interval.estimate) > 0) + minus(short(interval)).replace(" ", "\xa0")
@@ -57,7 +68,7 @@ class Column(NamedTuple):
 def _interval(key: str, arms: MeasuredArms, row: Row) -> str:
     if COLUMNS[key].of is None and row["arm"] not in arms.contrasts:
         return ""
-    return short(Interval(row[key], row[f"{key}_low"], row[f"{key}_high"], 0.95, row["seeds"]))
+    return short(interval_of(key, row))
 
 
 def _saved(key: str, arms: MeasuredArms, row: Row) -> str:
@@ -168,8 +179,7 @@ def table_rows(arms: MeasuredArms) -> list[dict[str, Any]]:
             "reached": int(times.reached.sum()),
         }
         for measure, interval in intervals.items():
-            row[measure] = interval.estimate
-            row[f"{measure}_low"], row[f"{measure}_high"] = interval.low, interval.high
+            row |= columns_of(measure, interval)
         for part in ("p", "adjusted_p", "verdict", "reason"):
             row[part] = getattr(contrast, part)
         row["unlearnt"] = unlearnt(arms, name)

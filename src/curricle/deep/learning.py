@@ -4,7 +4,7 @@ import io
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
@@ -148,10 +148,10 @@ class TrainedPolicy:
             act = acting(self.model, [env], sampled=not deterministic)
             return played(
                 env,
-                lambda observation, _: act(observation, [0])[()],  # a number where it is one
+                lambda observation: act(observation, [0])[()],  # a number where it is one
                 seed=seed,
                 limit=limit,
-                picture=lambda _: frame_of(env),
+                picture=partial(frame_of, env),
             )
 
     def __repr__(self) -> str:

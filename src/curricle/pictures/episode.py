@@ -207,33 +207,28 @@ class Episode:
 
 def played(
     env: gym.Env[Any, Any],
-    act: Callable[[Any, Any], Any],
+    act: Callable[[Any], Any],
     *,
     seed: int,
     limit: int,
-    picture: Callable[[Any], Frame],
-    text: Callable[[Any], str] | None = None,
+    picture: Callable[[], Frame],
 ) -> Episode:
     """Return one episode, of up to `limit` steps, of a policy in an environment of Gymnasium's.
 
-    `act`, `picture` and `text` return the action, the frame and a drawing made of characters for an
-    observation; `act` takes the info beside it too.
+    `act` returns the action for an observation, `picture` a frame of the environment as it is.
     """
-    observation, info = env.reset(seed=seed)
-    frames, actions, rewards = [picture(observation)], list[Any](), list[float]()
-    texts = [] if text is None else [text(observation)]
+    observation, _ = env.reset(seed=seed)
+    frames, actions, rewards = [picture()], list[Any](), list[float]()
     over = terminated = False
     while not over and len(rewards) < limit:
-        action = act(observation, info)
-        observation, reward, terminated, truncated, info = env.step(action)
-        frames.append(picture(observation))
-        texts += [] if text is None else [text(observation)]
+        action = act(observation)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        frames.append(picture())
         actions.append(action)
         rewards.append(float(reward))
         over = terminated or truncated
-    fps = fps_of(env)
     shown = frozen(np.array(actions)), frozen(np.array(rewards, dtype=np.float64))
-    return Episode(tuple(frames), *shown, bool(terminated), fps, texts)
+    return Episode(tuple(frames), *shown, bool(terminated), fps_of(env))
 
 
 # -- pictures that environments draw themselves ----------------------------------------------------

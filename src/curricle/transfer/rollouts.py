@@ -9,7 +9,7 @@ from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,75 +17,23 @@ from curricle.arrays import FloatArray, IntArray, frozen
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.potential import PairPotential
-from curricle.learning.value_lookup import ValueLookup, read_row
-from curricle.planning.greedy import (
-    Values,
-    acting_row,
-    acting_rows,
-    best_of,
-    greedy_actions,
-)
+from curricle.planning.greedy import Values
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.mdp import (
     Task,
-    availability,
     available_actions,
     closed,
     generative_model,
 )
-from curricle.tasks.models import close_row
 from curricle.tasks.observation_task import Observations, ObservationTask, stack
 from curricle.transfer.potential import ObservationPotential
 
-LARGEST_ARRAY = 1_000_000
-"""Most pairs (S x A) of a potential that is read from an array, even if it can be looked up."""
+LARGEST_ROLLED_OUT = 10_000_000  # most pairs (S x A) of a potential whose policy is rolled out
 OBSERVATION_ROLLOUTS = 50  # default number of episodes for mean returns
 COVERAGE_EPISODES = 20  # episodes that give the sample of observations for coverage
 STREAM = "potential_quality"  # name of the random stream of rollouts that judge a potential
-
-
-# -- numbered states, in compiled loops ------------------------------------------------------------
-
-
-class LookedUp(NamedTuple):
-    """A potential that is looked up in its sources' values, as compiled loops read it."""
-
-    lookup: ValueLookup
-    row: FloatArray  # (A,) work space
-    values: FloatArray  # (1, A) work space
-    available: Any  # as of :func:`availability`
-
-
-@acting_rows.body(LookedUp)
-def _looked_up_row(view, state, out):
-    read_row(view.lookup, state, view.row)
-    for action in range(out.shape[1]):
-        out[0, action] = view.row[action]
-    close_row(view.available, state, out, 0)
-
-
-@greedy_actions.body(LookedUp)
-def _greedy_looked_up(view, state, bits):
-    acting_row(view, state, view.values)
-    return best_of(view.values, 0, bits)[1]
-
-
-def greedy_start(potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0) -> float:
-    """Return the greedy policy's return: the first return of :func:`learn` if Q starts at phi."""
-    played = greedy_policy_return(potential.task, acting_view(potential), evaluation, seed=seed)
-    return played.value
-
-
-def acting_view(potential: PairPotential) -> LookedUp | Values:
-    """Return a potential as compiled loops read it: an array, or a lookup if that is too large."""
-    task = generative_model(potential.task)
-    n_actions, kernel = task.actions.size, potential.kernel
-    if kernel is not None and task.states.size * n_actions > LARGEST_ARRAY:
-        row, values = np.empty(n_actions), np.empty((1, n_actions))
-        return LookedUp(kernel, row, values, availability(task))
-    return Values(frozen(closed(potential.values, available_actions(task))))
 
 
 # -- observations, in parallel environments --------------------------------------------------------
@@ -259,7 +207,11 @@ def potential_return(
     *,
     seed: int = 0,
 ) -> float:
-    """Return what a potential's greedy policy returns in a target; NaN without action values."""
+    """Return what a potential's greedy policy returns in a target; NaN if it has none.
+
+    That is the first return of :func:`learn` if Q starts at phi. There is none without action
+    values, and none is computed for more than 10,000,000 pairs, as phi is read from an array.
+    """
     if isinstance(target, ObservationTarget):
         assert isinstance(potential, ObservationPotential)
         if not potential.of_actions:
@@ -267,4 +219,8 @@ def potential_return(
         episodes = greedy_episodes(potential, target.episodes, seed, STREAM)
         return mean_episode_return(episodes, target.evaluation.discount(target.task))
     assert not isinstance(potential, ObservationPotential)
-    return greedy_start(potential, target.evaluation, seed=seed)
+    task = generative_model(potential.task)
+    if task.states.size * task.actions.size > LARGEST_ROLLED_OUT:
+        return float("nan")
+    view = Values(frozen(closed(potential.values, available_actions(task))))
+    return greedy_policy_return(potential.task, view, target.evaluation, seed=seed).value
