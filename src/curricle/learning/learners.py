@@ -258,6 +258,13 @@ class OptimisticQLearning(Learner):
         return replace(self, learning_rate=rate, initial_value=initial, value_range=bounds)
 
 
+LEARNERS_BY_NAME: dict[str, type[Learner]] = {
+    kind.__name__: kind
+    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
+}
+"""The learners that study files and files of results may name; they make no other class."""
+
+
 def value_bounds(task: Task) -> tuple[float, float]:
     """Return a lower and an upper bound of the values of a task's states, from its rewards alone.
 

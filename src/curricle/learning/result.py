@@ -13,14 +13,7 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray, frozen
 from curricle.errors import CurricleError, SettingError
 from curricle.files import SavedFile, read_saved, write_saved
-from curricle.learning.learners import (
-    SARSA,
-    DoubleQLearning,
-    ExpectedSARSA,
-    Learner,
-    OptimisticQLearning,
-    QLearning,
-)
+from curricle.learning.learners import LEARNERS_BY_NAME, Learner
 from curricle.learning.record import Record, Snapshots
 from curricle.learning.schedules import Schedule
 from curricle.learning.stopping import MEMORY_FULL, StoppingKernel
@@ -391,17 +384,12 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
 # -- as arrays and plain JSON ----------------------------------------------------------------------
 
 MOST_STEPS = 2**53  # steps that a number of double precision counts
-LEARNERS: dict[str, type[Learner]] = {
-    kind.__name__: kind
-    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
-}
-"""The learners that a file may name; a file makes no other class."""
 
 
 def learner_record(learner: Any) -> dict[str, Any]:
     """Return a learner as JSON holds it: its class, and the settings of Curricle's own."""
     kind = type(learner)
-    if LEARNERS.get(kind.__name__) is not kind:
+    if LEARNERS_BY_NAME.get(kind.__name__) is not kind:
         return {"type": kind.__name__}
     settings = {setting.name: getattr(learner, setting.name) for setting in fields(learner)}
     return {
@@ -417,9 +405,9 @@ def learner_of(record: Any) -> Learner | None:
     """Return the learner of a record; None where it is none of Curricle's. ValueError if wrong."""
     if not isinstance(record, Mapping) or "settings" not in record:
         return None
-    kind = LEARNERS.get(record.get("type", ""))
+    kind = LEARNERS_BY_NAME.get(record.get("type", ""))
     if kind is None or not isinstance(record["settings"], Mapping):
-        raise ValueError(f"a learner must be one of {', '.join(LEARNERS)}: got {record}")
+        raise ValueError(f"a learner must be one of {', '.join(LEARNERS_BY_NAME)}: got {record}")
     try:
         settings = dict[str, Any]()
         for name, value in record["settings"].items():

@@ -56,13 +56,7 @@ from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, cor
 from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, unfit_name
 from curricle.deep.learner import DeepLearner, PolicyReuse, WeightTransfer
 from curricle.interop.encoders import MiniGridFullView, MiniGridView
-from curricle.learning.learners import (
-    SARSA,
-    DoubleQLearning,
-    ExpectedSARSA,
-    OptimisticQLearning,
-    QLearning,
-)
+from curricle.learning.learners import LEARNERS_BY_NAME
 from curricle.learning.schedules import Schedule, exponential, harmonic, linear
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.shaping import (
@@ -504,10 +498,7 @@ class EpisodesTable(ObjectTable):
         return Episodes(self.episodes)
 
 
-LEARNERS = tuple(
-    table_of(kind, tag=kind.__name__)
-    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
-)
+LEARNERS = tuple(table_of(kind, tag=name) for name, kind in LEARNERS_BY_NAME.items())  # type: ignore[arg-type]
 DeepLearnerTable = table_of(
     DeepLearner,
     _DeepLearnerTable,
