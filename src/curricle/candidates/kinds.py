@@ -22,7 +22,7 @@ from curricle.tasks.exploration import DeepSea
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.graph import reachable_states
 from curricle.tasks.gridworld import OBJECTS, GridWorld
-from curricle.tasks.mdp import FiniteMDP, tables
+from curricle.tasks.mdp import FiniteMDP, Task, tables
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.spaces import Component, Space
@@ -84,7 +84,14 @@ class Draft(NamedTuple):
     member: FamilyMember | None = None
 
 
-def paired(target: Any, make: Callable[[], Any], reads: Any = None) -> Callable[[], Made]:
+Mapped = TypeVar("Mapped", GridWorld, KeyLockPit, FrozenLake)  # tasks of a map
+
+
+def paired(
+    target: Task,
+    make: Callable[[], Task],
+    reads: Callable[[Any, Any], PairMapping] | None = None,
+) -> Callable[[], Made]:
     """Return a `build` for the task that `make` returns, with mapping `reads(target, source)`."""
 
     def build() -> Made:
@@ -146,7 +153,7 @@ def family_members(target: DesignTarget) -> Iterator[Draft]:
         yield Draft("member", str(source), about, build, member=source)
 
 
-def _member(target: Any, source: Any) -> Made:
+def _member(target: FamilyMember, source: FamilyMember) -> Made:
     return source.task, family_mappings(target, source)
 
 
@@ -281,7 +288,7 @@ def _without_hazards(task: Any) -> Iterator[Draft]:
         yield Draft("removed", name, about, paired(task, partial(_cleared, task, places), reads))
 
 
-def _cleared(task: Any, places: Places) -> Any:
+def _cleared(task: Mapped, places: Places) -> Mapped:
     """Return the task with the map's cells at these places made free."""
     free = "F" if isinstance(task, FrozenLake) else "."
     lines = [list(line) for line in task.map]
@@ -365,7 +372,7 @@ def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
         yield Draft("coarser", name[:90], about, build)
 
 
-def _merged(task: Any, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
+def _merged(task: Task, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
     """Return the table with pairs of neighbouring values of these components merged."""
     if mdp.outcome_row.size * mdp.probability.shape[1] > LARGEST_MERGED:
         raise TaskError(

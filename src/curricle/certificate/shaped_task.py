@@ -123,7 +123,7 @@ class Reachable:
 
 
 def shaping_rewards(
-    task: Any, function: RewardFunction, s: IntArray, a: IntArray, after: IntArray
+    task: Task, function: RewardFunction, s: IntArray, a: IntArray, after: IntArray
 ) -> FloatArray:
     """Return F(s, a, s') of E transitions, (E,), or raise PotentialError if a number is missing."""
     try:
@@ -469,7 +469,7 @@ class Origin:
     sentences: tuple[str, ...]
 
 
-def origin(task: Any, reachable: Reachable, f: FloatArray) -> Origin:
+def origin(task: Task, reachable: Reachable, f: FloatArray) -> Origin:
     """Return the potential behind F, (E,), with sentences; these say why if there is none."""
     discount, enough = reachable.mdp.discount, RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
     plain = fit(reachable, f, discount)
@@ -498,7 +498,7 @@ def origin(task: Any, reachable: Reachable, f: FloatArray) -> Origin:
     return Origin(plain, open_ended, (nonzero_ends(task, ends, open_ended.potential[ends]),))
 
 
-def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray, rule: str = ", must be 0") -> str:
+def nonzero_ends(task: Task, ends: IntArray, phi: FloatArray, rule: str = ", must be 0") -> str:
     """Return the sentence about ends whose potential is not 0."""
     parts = [
         f"terminal {state_name(task.states, int(end))} has Phi = {value:.4g}{rule}"
@@ -510,7 +510,7 @@ def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray, rule: str = ", must
 
 
 def different_by_action(
-    task: Any, state: int, next_state: int, f: FloatArray, actions: AnyInts
+    task: Task, state: int, next_state: int, f: FloatArray, actions: AnyInts
 ) -> str:
     """Return the sentence about a transition with different F, (2,), by two actions, (2,)."""
     names = (action_name(task.actions, int(action)) for action in actions)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from weakref import WeakSet
 
 import numpy as np
@@ -18,6 +18,9 @@ from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.graph import edges_of
 from curricle.tasks.observation_task import ObservationTask, made_by
 from curricle.text import brief_repr
+
+if TYPE_CHECKING:
+    from curricle.deep.networks import NetworkValues
 
 RESETS = 200  # resets of each miniature that levels are taken from
 MOST_STATES = 100_000  # states of a miniature at most
@@ -105,7 +108,7 @@ class Knowledge(Frozen):
         return cls(rows_of(observations, first), *means, weight)
 
 
-def actor_of(values: object) -> Any:
+def actor_of(values: object) -> "NetworkValues | None":
     """Return a potential's network if it is the only source and reads the same observations."""
     edges: Any = getattr(values, "edges", ())
     sources: Any = getattr(values, "values", ())

@@ -18,6 +18,7 @@ from curricle.interop.potential_shaping import (
     unstack,
 )
 from curricle.learning.schedules import Schedule
+from curricle.tasks.observation_task import Observations
 from curricle.transfer.aggregate import Aggregate
 
 try:
@@ -91,13 +92,13 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         self._stacked_space = batch_space(space, venv.num_envs)
         self._episodes = Episodes(self._potential, venv.num_envs)
 
-    def reset(self) -> Any:
+    def reset(self) -> Observations:
         """Reset all sub-environments and return what they return."""
-        observations = self.venv.reset()
+        observations: Observations = self.venv.reset()
         self._episodes.begin(unstack(self._stacked_space, observations), observations)
         return observations
 
-    def step_wait(self) -> tuple[Any, FloatArray, BoolArray, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Observations, FloatArray, BoolArray, list[dict[str, Any]]]:
         """Return what the environments return, with shaped rewards and their parts in the infos."""
         observations, rewards, dones, infos = self.venv.step_wait()
         for info in infos:
@@ -124,11 +125,14 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
         return observations, shaped, dones, shaped_infos
 
-    def env_method(self, method_name: str, *args: Any, indices: object = None, **named: Any) -> Any:
+    def env_method(
+        self, method_name: str, *args: object, indices: object = None, **named: object
+    ) -> list[Any]:
         """Call a method of the environments; SettingError where it recomputes rewards."""
         if method_name == "compute_reward":
             raise SettingError(
                 "rewards computed anew, as in hindsight replay, would lack the shaping: such an "
                 "algorithm must learn from the unshaped environment"
             )
-        return self.venv.env_method(method_name, *args, indices=indices, **named)
+        returned: list[Any] = self.venv.env_method(method_name, *args, indices=indices, **named)
+        return returned

@@ -43,7 +43,11 @@ class _Residual:
     reads: str
 
     def __init__(
-        self, *args: Any, potential: ObservationPotential, reads: str | None = None, **settings: Any
+        self,
+        *args: object,
+        potential: ObservationPotential,
+        reads: str | None = None,
+        **settings: object,
     ):
         if not potential.of_actions:
             raise no_actions(potential)
@@ -115,7 +119,12 @@ class ResidualQNetwork(QNetwork):
     running_scale: torch.Tensor
 
     def __init__(
-        self, *args: Any, cache: "PotentialCache", reads: str, features_dim: int, **settings: Any
+        self,
+        *args: object,
+        cache: "PotentialCache",
+        reads: str,
+        features_dim: int,
+        **settings: object,
     ):
         inputs = features_dim + {"actions": cache.n_actions, "state": 1, "nothing": 0}[reads]
         super().__init__(*args, features_dim=inputs, **settings)

@@ -772,7 +772,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
         self._under_way = not (terminated or truncated)
         return self._states.coded(self._state), reward, terminated, truncated, self._info()
 
-    def render(self) -> Any:
+    def render(self) -> npt.NDArray[np.uint8] | str | None:
         """Return a picture of the state, (height, width, 3) uint8, or text, by `render_mode`."""
         if self.render_mode is None:
             gym.logger.warn("render() draws nothing without a render_mode: rgb_array or ansi")

@@ -417,6 +417,7 @@ class _Assignment(NamedTuple):
     error: float  # mean total variation distance of next states from the predicted; maybe NaN
 
 
+Values = dict[str, IntArray]  # of components, by name
 COMPARED = 5_000  # pairs of the hunt on which assignments are compared
 
 
@@ -440,7 +441,9 @@ def _assignments(hunt: Task, chase: Task) -> list[_Assignment]:
     names = hunt.states.names
     for prey, predator, move in product(names, names, hunt.actions.names):
 
-        def read(states: Any, actions: Any, of: Any = (prey, predator, move)) -> Any:
+        def read(
+            states: Values, actions: Values, of: tuple[str, ...] = (prey, predator, move)
+        ) -> tuple[Values, Values]:
             return {"prey": states[of[0]], "predator": states[of[1]]}, {"predator": actions[of[2]]}
 
         mapping = from_function(hunt, chase, read)
