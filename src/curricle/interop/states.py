@@ -486,7 +486,7 @@ class Search:
         self.first = list[int]()  # the state that each start leads to
         self.several = False  # whether resets lead to different states
         self.cut = 0  # states from which nothing goes on, as episodes are truncated there
-        self.seconds = self.observing = 0.0  # in all, and for observations and words
+        self.seconds = 0.0
         self._numbers = dict[tuple[Hashable, bool], int]()
         # The states whose actions are to be taken: number, content, available actions.
         self._queue = deque[tuple[int, object, tuple[bool, ...] | None]]()
@@ -561,9 +561,7 @@ class Search:
                     f"a table may have at most max_states, {self.max_states:,} states: tabulating "
                     f"{self.stepper.name} found more{self._hint()}"
                 )
-            before = time.perf_counter()
             observation, components = self.stepper.look(reached)
-            self.observing += time.perf_counter() - before
             observation = deepcopy(observation)  # which a step may change
             components = {**components, **words_of_state(observation, "_")}
             self.states.append(State(reached.terminated, observation, components))

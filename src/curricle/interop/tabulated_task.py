@@ -212,8 +212,8 @@ class TabulationRecord:
     cut, explored : int
         States in which episodes are only ever truncated: every action stays there, with reward 0;
         and states before equivalent states were merged.
-    seconds, observing : float
-        Wall-clock time of the search, and its share for the observations and names of new states.
+    seconds : float
+        Wall-clock time of the search.
     note : str
         How the tables differ from the environment, such as in rewards.
     several : bool
@@ -229,7 +229,6 @@ class TabulationRecord:
     cut: int = 0
     explored: int = 0
     seconds: float = 0.0
-    observing: float = 0.0
     note: str = ""
     several: bool = False
 

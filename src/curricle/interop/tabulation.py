@@ -195,7 +195,9 @@ class Plan:
             checked=checked,
             explored=len(search.states),
             note=world.access.note,
-            **{name: getattr(search, name) for name in ("cut", "several", "seconds", "observing")},
+            cut=search.cut,
+            several=search.several,
+            seconds=search.seconds,
         )
         return tables, record
 
