@@ -661,8 +661,9 @@ class _TransferTable(ObjectTable):
         """Return the mapping f of a transfer for which no family or candidate makes it."""
         value = self.unmapped_value
         if self.mapping == "auto":
-            how = {"fit_unmapped": fit_unmapped, "say": say}
-            return announced(self.transfer(None), target, source, value, **how).mapping
+            edge = self.transfer(None)
+            best = announced(edge, target, source, value, fit_unmapped=fit_unmapped, say=say)
+            return best.mapping
         if is_observation_task(target) and self.factory is None:
             functions = {key: built(getattr(self, key), folder) for key in OF_OBSERVATIONS}
             if self.mapping == "identity":
