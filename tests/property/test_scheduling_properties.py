@@ -105,7 +105,7 @@ def studies(draw):
 def sent_to_the_end(data, study, failing):
     keys, units, done = study
     workers = Checked(data, units, keys, done, data.draw(st.integers(1, 6), "at once"), failing)
-    places = {"ahead": lambda: workers.most, "lost": workers.lost}
+    places = {"at_once": lambda: workers.most, "lost": workers.lost}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan, "wait", workers.wait)
         running = trained_units(units, workers.train, workers.keep, Noting(workers), **places)

@@ -228,7 +228,12 @@ class EnvironmentTable(Maker, TaskTable):
         stated = {
             name: value for name, value in arguments if getattr(self, name, value) is not None
         }
-        return self.made_by(type(self).makes, folder, stated, getattr(self, "encode", None))
+        return self.made_by(type(self).makes, folder, stated, self.wrapper)
+
+    @property
+    def wrapper(self) -> object:
+        """What wraps the environment before the library's function reads it; None by default."""
+        return None
 
 
 GymnasiumTask = table_of(
@@ -249,6 +254,11 @@ GymnasiumTask = table_of(
 class _EncodedTable(EnvironmentTable):
     encode: AnyEncoder | None = None
     """An encoder of its observations: its name, a table, or module:function."""
+
+    @property
+    def wrapper(self) -> object:
+        """The encoder."""
+        return self.encode
 
 
 class _TabulatedTable(_EncodedTable):
