@@ -76,7 +76,7 @@ def run_with_bars(
             show_units(progress)
             write_page()
 
-        all_studies = [study, study.trials] if study.tune else [study]
+        studies = [study, study.trials] if study.tune else [study]
         count: int | Callable[[], int] | None = workers
         executor: Executor | None = None
         if on is not None:
@@ -84,7 +84,7 @@ def run_with_bars(
             executor, count = cluster.executor, cluster.workers
             link = f", {cluster.link}" if cluster.link else ""
             typer.echo(f"{on}: {counted(cluster.workers(), 'worker')}{link}", err=True)
-        elif processes or any(Arms.of(each).serial for each in all_studies):
+        elif processes or any(Arms.of(part).serial for part in studies):
             executor = pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
         return run_study(

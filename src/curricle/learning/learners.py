@@ -301,13 +301,13 @@ def _horizon(name: str, task: Task) -> float:
     """Return min(time limit, 1 / (1 - discount)), or raise SettingError where both are infinite."""
     model = generative_model(task)
     limit = math.inf if model.time_limit is None else float(model.time_limit)
-    ahead = 1.0 / (1.0 - model.discount) if model.discount < 1.0 else math.inf
-    if math.isinf(min(limit, ahead)):
+    discounted = 1.0 / (1.0 - model.discount) if model.discount < 1.0 else math.inf
+    if math.isinf(min(limit, discounted)):
         raise SettingError(
             f"{name} needs a horizon, as the task has neither a discount below 1 nor a time limit: "
             f"got {task!r}"
         )
-    return max(1.0, min(limit, ahead))
+    return max(1.0, min(limit, discounted))
 
 
 # -- the action that a learner takes on a row of values, compiled ----------------------------------
@@ -331,15 +331,15 @@ def softmax(table, row, best, inverse_temperature, counter):
     total = 0.0
     for action in range(n_actions):
         total += np.exp(inverse_temperature * (table[row, action] - best))
-    left = uniform(splitmix64(counter)) * total
+    remaining = uniform(splitmix64(counter)) * total
     counter += STRIDE
     chosen = np.uint64(0)
     for action in range(n_actions):
         weight = np.exp(inverse_temperature * (table[row, action] - best))
         if weight > 0.0:
             chosen = action
-            left -= weight
-            if left < 0.0:
+            remaining -= weight
+            if remaining < 0.0:
                 break
     return chosen, counter
 

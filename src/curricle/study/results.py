@@ -176,9 +176,8 @@ class StudyResults:
         study = self.store.description
         if "plan" not in study:
             raise StoreError(f"{self.store.path} holds results that are not those of a study")
-        self._checked = set[
-            tuple[StoredUnit, tuple[str, ...]]
-        ]()  # units whose arrays are as they must
+        # Units, and groups of their arrays, that were found to be as they must.
+        self._checked = set[tuple[StoredUnit, tuple[str, ...]]]()
         self.record = record or self.store.checked(
             STUDY, lambda: StudyRecord.of(study.get("configuration"), study["plan"])
         )

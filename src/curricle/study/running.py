@@ -278,8 +278,8 @@ def run_study(
             )
         trials.check_networks()
     with ExitStack() as ending:
-        every = [Arms.of(each) for each in (study, trials) if each]
-        places = _workers(study, every, workers, executor, ending)
+        all_arms = [Arms.of(part) for part in (study, trials) if part]
+        places = _workers(study, all_arms, workers, executor, ending)
         about, record = described(study, arms)
         opened = StudyStore.opened(path, about, resume=resume, check=False)
         store = ending.enter_context(opened)
