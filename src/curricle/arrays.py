@@ -61,12 +61,13 @@ class Frozen:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, value in state.items():
-            object.__setattr__(self, name, _refrozen(value))
+            object.__setattr__(self, name, refrozen(value))
 
 
-def _refrozen(value: object) -> Any:
+def refrozen(value: object) -> Any:
+    """Return an array frozen, also within named tuples; anything else as it is."""
     if type(value) is np.ndarray:
         return adopted(value, value.dtype)
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return type(value)(*map(_refrozen, value))
+        return type(value)(*map(refrozen, value))
     return value

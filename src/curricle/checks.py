@@ -61,12 +61,12 @@ def numbers(name: str, values: Any, error: type[CurricleError]) -> FloatArray:
 def indices(name: str, values: object, size: int, error: type[CurricleError]) -> IntArray:
     """Return `values` as an array of whole numbers in 0..size-1, or raise `error`."""
     try:
-        array = np.asarray(values)
+        array = np.array(values)  # a copy: nobody changes it after the check
     except ValueError:
         array = np.array(None)
     if array.dtype.kind not in "iu" or (array.size and not 0 <= array.min() <= array.max() < size):
         raise error(f"{name} must be whole numbers in 0..{size - 1}: got {brief(values)}")
-    return array.astype(np.int64)
+    return array.astype(np.int64, copy=False)
 
 
 def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleError]) -> None:

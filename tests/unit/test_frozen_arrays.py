@@ -9,6 +9,9 @@ import pytest
 
 import curricle as cr
 from curricle.arrays import adopted, frozen
+from curricle.checks import indices
+from curricle.learning import SparseValues, TabularPolicy
+from curricle.planning.solution import checked_policy
 from curricle.tasks.spaces import Component, Space
 from tests.support.tasks import random_mdp
 
@@ -119,3 +122,66 @@ def test_every_array_can_be_frozen(array):
     shown = frozen(array)
     assert (shown.dtype, shown.shape) == (array.dtype, array.shape)
     np.testing.assert_array_equal(shown, before)
+
+
+class Lazy:
+    """An array-like that has other numbers from its n-th reading on, and no bounds."""
+
+    def __init__(self, array, n):
+        self.array, self.left = np.asarray(array), n
+
+    def __array__(self, dtype=None, copy=None):
+        self.left -= 1
+        return np.array(self.array if self.left >= 0 else self.array + 10**8, dtype=dtype)
+
+
+NUMBERED = {
+    **{
+        f"{name} of tables": lambda lazy, name=name: dataclasses.replace(MAZE.mdp, **{name: lazy})
+        for name in ("outcome_row", "probability", "next_state", "reward", "terminal", "start")
+    },
+    "points of a space": lambda lazy: dataclasses.replace(MAZE.states, points=lazy),
+    "steps of a potential": lambda lazy: cr.StatePotential(MAZE, np.ones((2, 6)), lazy),
+    "index of a mapping": lambda lazy: dataclasses.replace(
+        cr.same_position(MAZE, NEAR), index=lazy
+    ),
+}
+ARRAYS = {name: getattr(MAZE.mdp, name.split()[0]) for name in NUMBERED if "tables" in name} | {
+    "points of a space": np.stack(list(MAZE.states.decode().values()), axis=1),
+    "steps of a potential": np.array([0, 9]),
+    "index of a mapping": cr.same_position(MAZE, NEAR).index,
+}
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("field", NUMBERED)
+def test_what_is_kept_is_what_was_checked(field, n):
+    """Compiled loops read it without bounds checks; a thread or a lazy array may change it."""
+    try:
+        made = NUMBERED[field](Lazy(ARRAYS[field], n))
+    except cr.CurricleError:
+        return
+    checked_again = dataclasses.replace(made)
+    for ours, again in zip(arrays_in(made), arrays_in(checked_again), strict=True):
+        np.testing.assert_array_equal(ours, again)
+
+
+def test_checked_numbers_are_a_copy():
+    mine = np.array([0, 1, 2])
+    assert not np.shares_memory(indices("states", mine, 3, cr.errors.SettingError), mine)
+    policy = np.ones(6, int)
+    assert not np.shares_memory(checked_policy(policy, MAZE.mdp.terminal, 4), policy)
+    with pytest.raises(cr.errors.SettingError, match="0..3: state 0 has 100000001"):
+        cr.planning.rollout(MAZE, Lazy(policy, 1))  # reads its type first
+
+
+def test_a_lookup_and_sparse_values_are_copied():
+    phi = mapped().potentials["hunt"][0]
+    strides = phi.lookup.strides.copy()
+    ours = dataclasses.replace(phi, lookup=phi.lookup._replace(strides=strides))
+    strides[:] = 10**9
+    np.testing.assert_array_equal(ours.values, phi.values)
+    states = np.arange(3)
+    policy = TabularPolicy(None, SparseValues(states, np.ones((3, 4))))
+    states[:] = 10**9
+    assert policy.values.states.tolist() == [0, 1, 2]

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray, FloatTable, Frozen, IntArray, frozen
+from curricle.arrays import FloatArray, FloatTable, Frozen, IntArray, frozen, refrozen
 from curricle.checks import BEYOND_64_BITS, indices, number, numbers, whole_number
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule
@@ -249,6 +249,7 @@ class MappedPotential(PairPotential):
 
     def __post_init__(self) -> None:
         generative = generative_model(self.task)
+        object.__setattr__(self, "lookup", refrozen(self.lookup))  # a copy, which is then checked
         if not fits_task(self.lookup, generative.states, generative.actions.size):
             raise PotentialError(f"a lookup must be made for its task: {self.task} needs another")
         values = self.lookup.values

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatTable, Frozen, adopted, frozen
+from curricle.arrays import FloatTable, Frozen, adopted, frozen, refrozen
 from curricle.checks import brief, numbers, whole_number
 from curricle.errors import CurricleError, SettingError, StoreError
 from curricle.files import SavedFile, read_saved, write_saved
@@ -56,7 +56,10 @@ class TabularPolicy(Frozen):
 
     def __post_init__(self) -> None:
         values = self.values
-        if not isinstance(values, SparseValues):
+        if isinstance(values, SparseValues):
+            arrays = refrozen(values.states), refrozen(values.values)
+            object.__setattr__(self, "values", SparseValues(*arrays))
+        else:
             floats = isinstance(values, np.ndarray) and values.dtype in (np.float32, np.float64)
             values = values if floats else numbers("values of a policy", values, SettingError)
             object.__setattr__(self, "values", adopted(values, values.dtype))

@@ -247,7 +247,7 @@ def _of_shape(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -> Pol
     """Return a policy whose shape, actions and probabilities are right, or raise SettingError."""
     if not isinstance(policy, np.ndarray) or policy.dtype.kind not in "iuf":
         numbers("a policy", policy, SettingError)
-    choices, n_states = np.asarray(policy), len(terminal)
+    choices, n_states = np.array(policy), len(terminal)  # a copy: loops trust what is checked here
     if choices.shape == (n_states,):
         if not np.issubdtype(choices.dtype, np.integer):
             raise SettingError(

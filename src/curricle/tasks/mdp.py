@@ -111,12 +111,15 @@ class FiniteMDP(Frozen):
         n_states, table = self.states.size, np.shape(self.probability)
         if len(table) != 2:
             raise TaskError(f"probability must have shape (Y, O): got {table}")
-        # Indices are checked as they were given, before they are narrowed to 32 bits.
+        # Indices are checked as they were given, before they are narrowed to 32 bits. What is checked
+        # is a copy: compiled loops trust it, and a thread or a lazy array could change the original.
         for name, label, size in (
             ("outcome_row", "outcome_row", table[0]),
             ("next_state", "next states", n_states),
         ):
             numbers = whole_by_type(getattr(self, name), label)
+            numbers = adopted(numbers, numbers.dtype)
+            object.__setattr__(self, name, numbers)
             if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
                 raise TaskError(
                     f"{label} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
