@@ -1,6 +1,7 @@
 """The optimistic learner: Q contains no optimism, and converges to Q*."""
 
-from hypothesis import given, settings
+import numpy as np
+from hypothesis import given, settings, strategies as st
 
 import curricle as cr
 from curricle.learning import OptimisticQLearning, harmonic, value_bounds
@@ -22,6 +23,31 @@ def test_no_value_is_outside_the_bounds(mdp):
         mdp.p, -mdp.r, terminal=mdp.terminal, start=task.mdp.start, discount=mdp.discount
     )
     assert (-cr.solve(worst).values[live] >= low - slack).all()
+
+
+@FEW
+@given(mdps((1.0,)), st.integers(1, 8))
+def test_no_return_within_the_time_limit_is_outside_the_bounds(mdp, time_limit):
+    """At discount 1: by backward induction, for the best and the worst policy."""
+    low, high = value_bounds(mdp.task(time_limit=time_limit))
+    for sign, bound in ((1, high), (-1, -low)):
+        values = np.zeros(len(mdp.terminal))
+        for _ in range(time_limit):
+            backup = (mdp.p * (sign * mdp.r + values)).sum(axis=2).max(axis=1)
+            values = np.where(mdp.terminal, 0.0, backup)
+            assert (values[~mdp.terminal] <= bound + 1e-9 * max(1.0, abs(bound))).all()
+
+
+@FEW
+@given(mdps((0.3, 0.75, 0.95)), st.integers(1, 4), st.floats(0, 1), st.data())
+def test_learners_that_bootstrap_at_the_limit_stay_within_the_bounds(mdp, limit, part, data):
+    task = mdp.task(time_limit=limit)
+    low, high = value_bounds(task)
+    kind = data.draw(st.sampled_from([cr.QLearning, cr.SARSA, cr.ExpectedSARSA]))
+    learner = kind(0.5, initial_value=low + part * (high - low))
+    learnt = cr.learn(task, learner, 200, eval_freq=200).values[0][~mdp.terminal]
+    slack = 1e-9 * max(1.0, abs(low), abs(high))
+    assert low - slack <= learnt.min() <= learnt.max() <= high + slack
 
 
 @FEW

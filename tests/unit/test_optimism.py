@@ -15,6 +15,12 @@ def test_bounds_count_rewards_of_ends_once():
     # Two steps to the goal: -1 each, the last pays 199; at discount .5 there are at most 2 rewards.
     assert value_bounds(cr.GridWorld("S.T", discount=0.5)) == (-2.0, 199.0)
     assert value_bounds(ring_by_tables()) == pytest.approx((-10.0, -1.0))
+    # At discount 1 from 1 to 20 rewards; a learner bootstraps at the limit.
+    endless = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 0, 2.0)]]], terminal=[False], start=0, discount=1.0, time_limit=20
+    )
+    assert value_bounds(endless) == (2.0, 40.0)
+    assert cr.learn(endless, cr.QLearning(0.5), 1000, eval_freq=1000).values[0][0, 0] > 40.0
 
 
 def test_settings_come_from_the_task_unless_given():

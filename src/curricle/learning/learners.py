@@ -266,10 +266,13 @@ LEARNERS_BY_NAME: dict[str, type[Learner]] = {
 
 
 def value_bounds(task: Task) -> tuple[float, float]:
-    """Return a lower and an upper bound of the values of a task's states, from its rewards alone.
+    """Return a lower and an upper bound of the discounted returns of episodes, by the rewards.
 
-    An episode has at most H rewards, H = 1 / (1 - discount) or the time limit where the discount is
-    1; at most one of them is paid on entering a terminal state.
+    They hold from every state and for every policy. Below discount 1 an episode goes on until it
+    terminates, as learners bootstrap at the time limit: values that start within the bounds, and
+    learn by a mean of targets, stay within. At discount 1 such returns need not be finite, and an
+    episode has at most `time_limit` steps: values that learners bootstrap at the limit, and those
+    of :func:`solve`, may then lie outside.
 
     Raises
     ------
@@ -289,7 +292,9 @@ def value_bounds(task: Task) -> tuple[float, float]:
     rows = rows_in_use(mdp.outcome_row, mdp.terminal, len(mdp.probability))
     possible, ends = mdp.probability[rows] > 0, mdp.terminal[mdp.next_state[rows]]
     on, last = mdp.reward[rows][possible & ~ends], mdp.reward[rows][possible & ends]
-    going = [horizon * on.min(), horizon * on.max()] if on.size else []
+    # H = 1 / (1 - gamma) rewards weigh as much as all of them; one of them, at least, is paid.
+    lengths = np.array([horizon] if mdp.discount < 1.0 else [1.0, horizon])
+    going = [*(lengths * on.min()), *(lengths * on.max())] if on.size else []
     low = high = 0.0
     if on.size and horizon > 1.0:
         low, high = (horizon - 1.0) * min(on.min(), 0.0), (horizon - 1.0) * max(on.max(), 0.0)
