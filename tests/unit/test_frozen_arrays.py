@@ -171,7 +171,7 @@ def test_checked_numbers_are_a_copy():
     assert not np.shares_memory(indices("states", mine, 3, cr.errors.SettingError), mine)
     policy = np.ones(6, int)
     assert not np.shares_memory(checked_policy(policy, MAZE.mdp.terminal, 4), policy)
-    with pytest.raises(cr.errors.SettingError, match="0..3: state 0 has 100000001"):
+    with pytest.raises(cr.errors.SettingError, match=r"0\.\.3: state 0 has 100000001"):
         cr.planning.rollout(MAZE, Lazy(policy, 1))  # reads its type first
 
 

@@ -48,7 +48,7 @@ from curricle.tasks.observation_task import (
     layers_of,
 )
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
-from curricle.tasks.spaces import MISSING, Component, Space
+from curricle.tasks.spaces import MISSING, Component, Space, entry_names
 from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 
 if TYPE_CHECKING:
@@ -612,8 +612,9 @@ def _components(space: gym.Space[Any], name: str) -> Iterator[Component]:
         for key, part in _parts(space):
             yield from _components(part, key if isinstance(key, str) else f"{name}_{key + 1}")
     elif is_discrete(space):
-        for i, (size, low) in enumerate(_ranges(space)):
-            yield Component(f"{name}_{i + 1}", size, low=low)
+        names = entry_names(name, space.shape or ())
+        for entry, (size, low) in zip(names, _ranges(space), strict=True):
+            yield Component(entry, size, low=low)
     else:
         raise TaskError(
             "a space must be Discrete, MultiDiscrete, MultiBinary, a Box with few whole numbers, "

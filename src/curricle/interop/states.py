@@ -33,6 +33,7 @@ from curricle.tasks.live import RETURNED, action_mask, seeded_reset, wrong_parts
 from curricle.tasks.mdp import SINGLE_PRECISION
 from curricle.tasks.models import number_of
 from curricle.tasks.observation_task import layers_of
+from curricle.tasks.spaces import entry_names
 
 TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
 HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
@@ -414,7 +415,8 @@ def words_of_state(state: object, before: str = "") -> Words:
         if isinstance(value, tuple | list | np.ndarray):
             flat = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
             if len(flat) <= MOST_CELLS:
-                values |= {f"{before}{name}_{i + 1}": entry for i, entry in enumerate(flat)}
+                shape = value.shape if isinstance(value, np.ndarray) else (len(flat),)
+                values |= zip(entry_names(f"{before}{name}", shape), flat, strict=True)
         else:
             values[f"{before}{name}"] = value
     return {

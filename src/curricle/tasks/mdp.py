@@ -111,8 +111,8 @@ class FiniteMDP(Frozen):
         n_states, table = self.states.size, np.shape(self.probability)
         if len(table) != 2:
             raise TaskError(f"probability must have shape (Y, O): got {table}")
-        # Indices are checked as they were given, before they are narrowed to 32 bits. What is checked
-        # is a copy: compiled loops trust it, and a thread or a lazy array could change the original.
+        # Indices are checked as they were given, before they are narrowed to 32 bits. What is
+        # checked is a copy: a thread or a lazy array could change the original afterwards.
         for name, label, size in (
             ("outcome_row", "outcome_row", table[0]),
             ("next_state", "next states", n_states),

@@ -331,6 +331,18 @@ def action_name(space: Space, action: int) -> str:
     return parts[0][1] if labelled else f"{parts[0][0]} {parts[0][1]}"
 
 
+def entry_names(name: str, shape: Sequence[int]) -> list[str]:
+    """Return a name for each entry of an array: numbered from 1, or by its indices from 0.
+
+    >>> entry_names("agent", (2,)), entry_names("visited", (1, 2))
+    (['agent_1', 'agent_2'], ['visited_0_0', 'visited_0_1'])
+    """
+    # A flat number would be another place in an array of another width.
+    if len(shape) < 2:
+        return [f"{name}_{i + 1}" for i in range(math.prod(shape))]
+    return ["_".join(map(str, (name, *indices))) for indices in np.ndindex(*shape)]
+
+
 def values_of(space: Space, point: int) -> dict[str, int]:
     """Return a point's components by name."""
     return {name: int(value) for name, value in space.decode(point).items()}
