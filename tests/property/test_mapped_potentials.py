@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 import curricle as cr
 from curricle.transfer.aggregate import aggregate
+from curricle.transfer.by_components import ComponentMapping
 from curricle.transfer.potential import mapped_potential
 from tests.support.tasks import predator_edges
 
@@ -80,7 +81,7 @@ def space_transfers(draw):
         source = random_task(draw(spaces("x")), draw(spaces("y")), rng)
         renaming = {n: draw(st.sampled_from(task.states.names)) for n in source.states.names}
         renaming |= {n: draw(st.sampled_from(task.actions.names)) for n in source.actions.names}
-        mapping = cr.project(task, source, unmapped_value=draw(UNMAPPED_VALUES), **renaming)
+        mapping = ComponentMapping(task, source, renaming, draw(UNMAPPED_VALUES))
         edges.append(cr.Transfer("source", "task", mapping, draw(NUMBERS), draw(NUMBERS)))
     return task, edges
 
@@ -177,6 +178,7 @@ def test_the_index_is_that_of_reading_each_point(transfers):
         assert index.tolist() == index_point_by_point(edge.mapping).tolist()
         kept = cr.transfer.StateActionMapping(edge.mapping.target, edge.mapping.source, index)
         assert edge.mapping.coverage() == kept.coverage()
+        assert not edge.mapping.why_empty or kept.why_empty
 
 
 def line_by_points(points, n_actions=2, seed=0):

@@ -24,11 +24,11 @@ def exactly(budget):
     return StoppingRule(budget) if isinstance(budget, int) else budget
 
 
-def corner(mapping=HERE, source=500, target=3000, eval_freq=100, **settings):
+def corner(scale=1.0, source=500, target=3000, eval_freq=100, **settings):
     """Return a curriculum from a corner of the maze, learnt for so many steps, to the maze."""
     return Curriculum(
         tasks={"corner": CORNER, "maze": MAZE},
-        transfers=[Transfer("corner", "maze", mapping)],
+        transfers=[Transfer("corner", "maze", HERE, scale)],
         budget={"corner": exactly(source), "maze": target},
         eval_freq={"maze": eval_freq},
         **({"shaping": cr.QInitialisation()} | settings),

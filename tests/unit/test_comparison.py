@@ -16,11 +16,8 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.planning import Target, target as target_module
 from curricle.statistics.curves import midpoint
 from curricle.statistics.intervals import interquartile_interval
-from curricle.transfer import UNMAPPED, StateActionMapping
 from tests.support.comparisons import (
     ALL,
-    CORNER,
-    HERE,
     MAZE,
     alone as compare,
     arm_of,
@@ -190,9 +187,6 @@ def test_rows_are_a_table():
     assert scratch["verdict"] == ""
 
 
-NOWHERE = StateActionMapping(MAZE, CORNER, np.full(HERE.index.shape, UNMAPPED))
-
-
 def assert_held(arm, last):
     """Nothing of an arm changes after these checkpoints, one a seed."""
     for k, place in enumerate(last):
@@ -253,10 +247,10 @@ def test_each_seed_has_what_its_own_sources_leave(calls):
         assert call["budget"] == spent[call["seeds"][0]]
 
 
-def test_an_arm_with_an_empty_mapping_is_scratch_after_its_source_steps():
+def test_an_arm_with_an_empty_potential_is_scratch_after_its_source_steps():
     learner, evaluation = cr.QLearning(epsilon=0.3), GreedyEvaluation(discounted=False)
     settings = {"learner": {"maze": learner}, "evaluation": {"maze": evaluation}}
-    comparison = compare(corner(NOWHERE, **settings), seeds=4)
+    comparison = compare(corner(scale=0.0, **settings), seeds=4)
     how = {"seeds": 4, "eval_freq": 100, "evaluation": evaluation, "stream": "maze"}
     alone = cr.learn(MAZE, learner, 3500, **how)
     np.testing.assert_array_equal(comparison.scratch.curve.values, alone.greedy_return)
@@ -292,9 +286,9 @@ def test_the_threshold_lies_nine_tenths_of_the_way_to_the_optimum(task, optimum)
     assert "threshold 50 (stated)\n" in str(stated)
 
 
-@pytest.mark.parametrize(("mapping", "said"), [(NOWHERE, True), (HERE, False)])
-def test_a_curriculum_that_reads_nothing_where_learning_goes_is_named(mapping, said):
-    comparison = cr.compare(corner(mapping), seeds=2, opponents=["constant"])
+@pytest.mark.parametrize(("scale", "said"), [(0.0, True), (1.0, False)])
+def test_a_curriculum_that_reads_nothing_where_learning_goes_is_named(scale, said):
+    comparison = cr.compare(corner(scale), seeds=2, opponents=["constant"])
     assert (
         "transfer has one value in all pairs that learning can visit" in str(comparison)
     ) == said

@@ -248,7 +248,7 @@ def test_observations_without_counterpart_are_skipped_too():
     assert phi(to_the_left, unknown_value=-3.0, scale=2.0, shift=1.0) == [3, -5, -5]
 
 
-ROW = GridWorld("S.T")
+ROW, PIT = GridWorld("S.T"), GridWorld("SPT")
 HUNT, CHASE = Pursuit(size=2, predators=2), Pursuit(size=2, predators=1)
 FIRST = project(HUNT, CHASE, predator="predator_1")
 INDEX = identity(ROW).index
@@ -287,6 +287,19 @@ MAPPINGS = [
     (lambda: project(HUNT, CHASE), "must be read .*prey, predator_1, predator_2.*got 'predator'"),
     (lambda: project(LINE, END, x="row"), "of the source, column, move, row: got 'x'"),
     (
+        lambda: project(chain(low=5), chain(4)),
+        "map some pair: place has no value in both tasks, as place of the target has 5, 6, 7, and "
+        r"place of the source has 0, 1, \.\.\., 3; give both",
+    ),
+    (
+        lambda: project(chain(), chain(labels=("up", "down"))),
+        "move of the target has left, right, and move of the source has up, down",
+    ),
+    (
+        lambda: project(chain(9, points=[[0], [2], [8]]), chain(9, points=[[1], [3], [8]])),
+        "map some pair: none of the 6 target pairs reads a source pair",
+    ),
+    (
         lambda: from_function(LINE, END, lambda s, a: ({"row": s["colunm"]}, a)),
         "row, column: got 'colunm'",
     ),
@@ -320,6 +333,12 @@ CURRICULA = [
     (lambda: Curriculum({}), "at least one task"),
     (lambda: pursuits(transfers=[Transfer("x", "hunt", FIRST)]), "one of chase, hunt: got 'x'"),
     (lambda: pursuits(transfers=[Transfer("hunt", "chase", FIRST)]), "'hunt' in hunt -> chase"),
+    (
+        lambda: Curriculum(
+            {"mild": PIT, "odd": LINE}, [Transfer("mild", "odd", relative_objects(LINE, PIT))]
+        ),
+        "in mild -> odd none of the 16 target pairs reads a source pair",
+    ),
     (lambda: around("a", "b", "c"), "cycle: (a -> b -> c -> a|b -> c -> a -> b|c -> a -> b -> c)$"),
     (lambda: pursuits(budget={"x": 9}), "budget .*chase, hunt: got 'x'"),
     (lambda: Transfer("chase", "hunt", FIRST, scale=np.nan), "chase -> hunt must be finite"),

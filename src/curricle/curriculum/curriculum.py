@@ -336,6 +336,11 @@ class Curriculum:
                         f"a transfer's mapping must be made for its tasks: the mapping's {role} is "
                         f"not the task {name!r} in {transfer.source} -> {transfer.target}"
                     )
+            if why := getattr(transfer.mapping, "why_empty", ""):  # observations are not counted
+                raise CurriculumError(
+                    f"a transfer must map some pair, or it transfers nothing: in {transfer.source} "
+                    f"-> {transfer.target} {why}"
+                )
         _ = self.order
 
     @property

@@ -93,6 +93,21 @@ class ComponentMapping(PairMapping):
         """The names that make the mapping."""
         return repr(self), self.unmapped_value
 
+    @property
+    def why_empty(self) -> str:
+        """Why no target pair reads a source pair, such as a component without a common value."""
+        target, source = self.target, self.source
+        for space, other in ((target.states, source.states), (target.actions, source.actions)):
+            for component in other.components:
+                origin = _origin(space, component, self.renaming)
+                if _disjoint(origin, component, self.unequal):
+                    return (
+                        f"{component.name} has no value in both tasks, as {origin.name} of the "
+                        f"target has {_listed(origin)}, and {component.name} of the source has "
+                        f"{_listed(component)}"
+                    )
+        return "" if target.states.is_box and source.states.is_box else super().why_empty
+
     @cached_property
     def index(self) -> IntArray:  # type: ignore[override]
         """The index array, (S, A) int64; MappingError for a target with too many pairs."""
@@ -146,7 +161,7 @@ def project(
     Raises
     ------
     MappingError
-        When a component is unknown; the message lists the known ones.
+        When a component is unknown, the message lists the known ones; or when no pair is mapped.
 
     Examples
     --------
@@ -158,7 +173,13 @@ def project(
     >>> chase.states.label(pair // 5), chase.actions.label(pair % 5)
     ('prey=(2,1) predator=(0,3)', 'predator=east')
     """
-    return ComponentMapping(target, source, renaming, unmapped_value)
+    mapping = ComponentMapping(target, source, renaming, unmapped_value)
+    if mapping.why_empty:
+        raise MappingError(
+            f"a mapping by name must map some pair: {mapping.why_empty}; give both tasks the same "
+            "values, or map with from_function"
+        )
+    return mapping
 
 
 def source_points(
@@ -188,6 +209,23 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
             f"for {component.name!r}; give the environment numbers or words that tell states apart"
         )
     return origin
+
+
+def _disjoint(origin: Component, component: Component, unequal: Unequal) -> bool:
+    """Return whether no value of a target component has a source value."""
+    if component.labels is not None and origin.labels is not None:
+        return not {*origin.labels} & {*component.labels}
+    return unequal == "unmapped" and max(origin.low, component.low) > min(
+        origin.high, component.high
+    )
+
+
+def _listed(component: Component) -> str:
+    """Return a component's values as text, the first and the last where they are many."""
+    low, high = component.low, component.high
+    if component.size <= 3:
+        return ", ".join(map(component.label, range(low, high + 1)))
+    return f"{component.label(low)}, {component.label(low + 1)}, ..., {component.label(high)}"
 
 
 def _values_of(origin: Component, component: Component, unequal: Unequal) -> IntArray:

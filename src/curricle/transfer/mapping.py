@@ -255,6 +255,13 @@ class PairMapping(Frozen, TaskMapping):
             mean_readers=float(used.mean()) if used.size else 0.0,
         )
 
+    @property
+    def why_empty(self) -> str:
+        """Why no target pair reads a source pair; empty if one does, or they are too many."""
+        if not self.countable or (self.index >= 0).any():
+            return ""
+        return f"none of the {self.index.size:,} target pairs reads a source pair"
+
     def mapped_states(self) -> BoolArray:
         """Return which target states have at least one mapped pair, (S,) bool."""
         return np.asarray((self.index >= 0).any(axis=1))
