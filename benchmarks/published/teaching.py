@@ -21,12 +21,11 @@ from curricle.tasks.live import BROKEN_DOWN, Answer, answer
 from curricle.tasks.mdp import FiniteMDP, tables
 from curricle.tasks.models import (
     Tables,
-    evaluation_models,
-    failures,
-    first_states,
+    evaluation_model,
+    first_state,
+    has_failed,
     table_model,
     transition,
-    transitions,
 )
 from curricle.tasks.start_states import goal_states
 
@@ -226,7 +225,7 @@ class TaughtModel(NamedTuple):
     episode: EpisodeRecord
 
 
-@first_states.body(TaughtModel)
+@first_state.body(TaughtModel)
 def _taught_start(model, bits):
     state = answer(model.address[0], np.int64(bits))[0]
     model.episode.length[0] = 0  # also after a failure, since a loop may take one more step
@@ -245,7 +244,7 @@ def _highest(q, state):
     return best
 
 
-@transitions.body(TaughtModel)
+@transition.body(TaughtModel)
 def _taught_step(model, state, action, bits):
     episode, bootstrapped = model.episode, 0.0
     next_state, reward, terminated = transition(model.tables, state, action, bits)
@@ -259,8 +258,8 @@ def _taught_step(model, state, action, bits):
     return next_state, reward, terminated
 
 
-failures.body(TaughtModel)(lambda model: model.failed[0])
-evaluation_models.body(TaughtModel)(lambda model: model.tables)
+has_failed.body(TaughtModel)(lambda model: model.failed[0])
+evaluation_model.body(TaughtModel)(lambda model: model.tables)
 
 
 # -- one seed --------------------------------------------------------------------------------------

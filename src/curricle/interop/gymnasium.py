@@ -692,14 +692,14 @@ Stream = npt.NDArray[np.uint64]  # (1,): the state of a random stream
 
 
 def _begun(model: tuple[object, ...], stream: Stream) -> int:
-    return first_state(model, draw(stream))  # type: ignore[no-any-return, no-untyped-call]
+    return first_state(model, draw(stream))  # type: ignore[no-any-return]
 
 
 def _moved(
     model: tuple[object, ...], state: int, action: int, stream: Stream
 ) -> tuple[int, float, bool]:
     bits, pair = draw(stream), (np.uint64(state), np.uint64(action))
-    return transition(model, *pair, bits)  # type: ignore[no-any-return, no-untyped-call]
+    return transition(model, *pair, bits)  # type: ignore[no-any-return]
 
 
 class TaskEnvironment(gym.Env[Any, Any]):

@@ -39,7 +39,7 @@ from curricle.learning.record import Checkpoint, Record, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import StoppingKernel
 from curricle.learning.storage import StaticInt, tie_bits
-from curricle.planning.greedy import ACTION, ONLY_ROW, acting_rows, best_of, greedy_actions, highest
+from curricle.planning.greedy import ACTION, ONLY_ROW, acting_row, best_of, greedy_action, highest
 from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, greedy_return
 from curricle.tasks.kernel import LINE, STRIDE, called, first_above, inlined, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
@@ -158,7 +158,7 @@ class Acting(NamedTuple):
     values: FloatArray  # (1, A) work space
 
 
-@acting_rows.body(Acting)
+@acting_row.body(Acting)
 def _write_acting_row(view, state, out):
     for action in range(np.uint64(out.shape[1])):
         value = np.float64(view.q[FIRST, state, action])
@@ -170,7 +170,7 @@ def _write_acting_row(view, state, out):
 write_acting_row = inlined(_write_acting_row)
 
 
-@greedy_actions.body(Acting)
+@greedy_action.body(Acting)
 def _acting_greedy(view, state, bits):
     write_acting_row(view, state, view.values)
     return best_of(view.values, ONLY_ROW, bits)[1]

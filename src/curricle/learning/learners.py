@@ -15,10 +15,10 @@ from curricle.tasks.graph import rows_in_use
 from curricle.tasks.kernel import (
     HALF,
     STRIDE,
-    Overloaded,
     bernoulli,
     inlined,
     integers,
+    overloaded,
     splitmix64,
     uniform,
 )
@@ -361,6 +361,7 @@ def accepted(exponent, bits):
     return chance < np.exp(exponent)
 
 
+@overloaded()
 def explore(exploration, values, row, best, step, counter):
     """Return an action on a row of values, 64 bits, the next counter, whether to act greedily.
 
@@ -369,14 +370,12 @@ def explore(exploration, values, row, best, step, counter):
     """
 
 
+@overloaded()
 def expected_value(exploration, q, state, values, step):
     """Return sum_a pi(a) q(state, a) for the policy followed on these acting values, (1, A)."""
 
 
-explorations, expectations = Overloaded(explore), Overloaded(expected_value)
-
-
-@explorations.body(EpsilonGreedy)
+@explore.body(EpsilonGreedy)
 def _explore_epsilon_greedy(exploration, values, row, best, step, counter):
     bits = splitmix64(counter)
     if bernoulli(bits, at(exploration.epsilon, step)):
@@ -387,7 +386,7 @@ def _explore_epsilon_greedy(exploration, values, row, best, step, counter):
     return np.uint64(0), bits, counter + STRIDE, True
 
 
-@expectations.body(EpsilonGreedy)
+@expected_value.body(EpsilonGreedy)
 def _expect_epsilon_greedy(exploration, q, state, values, step):
     epsilon, best = at(exploration.epsilon, step), highest(values, ONLY_ROW)
     total, ties, mean, n_actions = 0.0, 0.0, 0.0, 0
@@ -408,14 +407,14 @@ def positive(beta):
     return beta if beta > 0.0 else 5e-324
 
 
-@explorations.body(Softmax)
+@explore.body(Softmax)
 def _explore_softmax(exploration, values, row, best, step, counter):
     beta = positive(at(exploration.inverse_temperature, step))
     action, counter = softmax(values, row, best, beta, counter)
     return action, splitmix64(counter), counter + STRIDE, False
 
 
-@expectations.body(Softmax)
+@expected_value.body(Softmax)
 def _expect_softmax(exploration, q, state, values, step):
     beta = positive(at(exploration.inverse_temperature, step))
     best = highest(values, ONLY_ROW)

@@ -26,10 +26,10 @@ from curricle.planning.greedy import ACTION, TIED, best_of, highest
 from curricle.planning.policy_evaluation import SLICE, greedy_return
 from curricle.tasks.kernel import (
     STRIDE,
-    Overloaded,
     called,
     inlined,
     of_width,
+    overloaded,
     prefetch,
     splitmix64,
 )
@@ -52,14 +52,12 @@ class Beside(NamedTuple):
     highest: float  # cuts the values that the optimistic values bootstrap from
 
 
+@overloaded(otherwise=lambda beside, q, number: q.dtype.type(number))
 def as_learnt(beside, q, number):
     """Return a number in the precision in which targets are computed."""
 
 
-precisions = Overloaded(as_learnt, otherwise=lambda beside, q, number: q.dtype.type(number))
-
-
-@precisions.body(Beside)
+@as_learnt.body(Beside)
 def _double(beside, q, number):
     return np.float64(number)
 

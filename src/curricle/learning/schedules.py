@@ -5,7 +5,7 @@ from typing import NamedTuple
 from curricle.arrays import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
-from curricle.tasks.kernel import Overloaded
+from curricle.tasks.kernel import overloaded
 
 # Shapes of a schedule.
 CONSTANT, LINEAR, EXPONENTIAL, HARMONIC = range(4)
@@ -131,23 +131,22 @@ class ByVisits(NamedTuple):
 # 80 % of that of one with two learners.
 
 
+@overloaded()
 def at(schedule, step):
     """Return the value of a schedule after `step` steps."""
 
 
+@overloaded()
 def rate_of(learning_rate, row, action, step):
     """Return the learning rate of an update, and count the visit if it depends on visits."""
 
 
-schedule_values, learning_rates = Overloaded(at), Overloaded(rate_of)
-
-
-@schedule_values.body(Constant)
+@at.body(Constant)
 def _constant_at(schedule, step):
     return schedule.value
 
 
-@schedule_values.body(Schedule)
+@at.body(Schedule)
 def _schedule_at(schedule, step):
     if schedule.shape == CONSTANT:
         return schedule.first
@@ -160,17 +159,17 @@ def _schedule_at(schedule, step):
     return schedule.last + (schedule.first - schedule.last) / (1.0 + step / schedule.span)
 
 
-@learning_rates.body(Constant)
+@rate_of.body(Constant)
 def _constant_rate(learning_rate, row, action, step):
     return learning_rate.value
 
 
-@learning_rates.body(Schedule)
+@rate_of.body(Schedule)
 def _rate_by_steps(learning_rate, row, action, step):
     return at(learning_rate, step)
 
 
-@learning_rates.body(ByVisits)
+@rate_of.body(ByVisits)
 def _rate_by_visits(learning_rate, row, action, step):
     count = learning_rate.visits[row, action]
     learning_rate.visits[row, action] += 1

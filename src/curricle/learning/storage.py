@@ -12,9 +12,9 @@ from curricle.arrays import FloatArray, FloatTable, Frozen, IntArray
 from curricle.checks import instance, one_of, physical_memory, whole_number
 from curricle.errors import SettingError
 from curricle.learning.value_lookup import ValueLookup, read_row
-from curricle.planning.greedy import ONLY_ROW, TIED, Values, acting_rows, best_of, greedy_actions
-from curricle.planning.policy_evaluation import fixed_views
-from curricle.tasks.kernel import Overloaded, compiled_once, inlined, of_width, splitmix64
+from curricle.planning.greedy import ONLY_ROW, TIED, Values, acting_row, best_of, greedy_action
+from curricle.planning.policy_evaluation import fixed_values
+from curricle.tasks.kernel import compiled_once, inlined, of_width, overloaded, splitmix64
 from curricle.tasks.mdp import GenerativeModel
 from curricle.tasks.models import close_row
 from curricle.text import brief_repr
@@ -188,22 +188,20 @@ class SparseTable(NamedTuple):
     far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
 
 
+# Row 0 alone exists before a sparse table learns.
+@overloaded(otherwise=lambda table: None)
 def find_row_maxima(table):
     """Fill in the maxima of the rows that exist before learning."""
 
 
+@overloaded()
 def row_of(table, state, terminated):
     """Return the row of a state, added if need be; R where the table is full; any after an end."""
 
 
+@overloaded(otherwise=lambda table, row: False)
 def is_full(table, row):
     """Return whether a row is out of range because the table was full."""
-
-
-# Row 0 alone exists before a sparse table learns.
-row_maxima = Overloaded(find_row_maxima, otherwise=lambda table: None)
-rows_of = Overloaded(row_of)
-full_tables = Overloaded(is_full, otherwise=lambda table, row: False)
 
 
 @inlined
@@ -215,7 +213,7 @@ def tie_bits(key, state):
 # -- dense ---------------------------------------------------------------------------------------
 
 
-@row_maxima.body(DenseTable)
+@find_row_maxima.body(DenseTable)
 def _find_dense_maxima(table):
     q, n = of_width(table.q, table.width), np.uint64(len(table.n))
     n_states = np.uint64(q.shape[0]) // n
@@ -224,12 +222,12 @@ def _find_dense_maxima(table):
         table.row_max[row], table.row_argmax[row] = best_of(q, row, bits)
 
 
-@rows_of.body(DenseTable)
+@row_of.body(DenseTable)
 def _dense_row_of(table, state, terminated):
     return state * np.uint64(len(table.n))
 
 
-@greedy_actions.body(DenseTable)
+@greedy_action.body(DenseTable)
 def _dense_greedy(view, state, bits):
     row = state * view.apart
     greedy = np.uint64(view.row_argmax[row])
@@ -238,13 +236,13 @@ def _dense_greedy(view, state, bits):
     return greedy
 
 
-@acting_rows.body(DenseTable)
+@acting_row.body(DenseTable)
 def _dense_acting_row(view, state, out):
     for action in range(out.shape[1]):
         out[0, action] = view.q[state * view.apart, action]
 
 
-@fixed_views.body(DenseTable)
+@fixed_values.body(DenseTable)
 def _dense_values(view):
     return Values(view.q, view.apart)
 
@@ -281,7 +279,7 @@ def add_row(table, state, slot):
     return row
 
 
-@rows_of.body(SparseTable)
+@row_of.body(SparseTable)
 def _sparse_row_of(table, state, terminated):
     if terminated:
         return np.uint64(0)
@@ -291,7 +289,7 @@ def _sparse_row_of(table, state, terminated):
     return add_row(table, state, slot)
 
 
-@full_tables.body(SparseTable)
+@is_full.body(SparseTable)
 def _sparse_is_full(table, row):
     return row >= np.uint64(table.q.shape[0])
 
@@ -308,7 +306,7 @@ def row_or_none(view, state):
     return row
 
 
-@greedy_actions.body(SparseTable)
+@greedy_action.body(SparseTable)
 def _sparse_greedy(view, state, bits):
     row = row_or_none(view, state)
     if row == np.uint64(0):
@@ -317,7 +315,7 @@ def _sparse_greedy(view, state, bits):
     return best_of(view.q, row, bits)[1] if greedy >= TIED else greedy
 
 
-@acting_rows.body(SparseTable)
+@acting_row.body(SparseTable)
 def _sparse_acting_row(view, state, out):
     row = row_or_none(view, state)
     for action in range(out.shape[1]):

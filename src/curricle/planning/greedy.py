@@ -11,13 +11,13 @@ import numpy as np
 from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.tasks.kernel import (
     LANES as LANES_OF_SIMD,
-    Overloaded,
     first_above,
     highest_of_lanes,
     inlined,
     integers,
     nth_one,
     ones,
+    overloaded,
     ties_in_lanes,
 )
 
@@ -70,15 +70,14 @@ def best_of(table, row, bits):
     return best, (first + nth_one(tied, skipped)) | flag
 
 
+@overloaded()
 def greedy_action(view, state, bits):
     """Return a greedy action, drawn anew among several and then flagged; changes nothing."""
 
 
+@overloaded()
 def acting_row(view, state, out):
     """Write the values that the policy acts on in a state into `out`, (1, A)."""
-
-
-greedy_actions, acting_rows = Overloaded(greedy_action), Overloaded(acting_row)
 
 
 class Values(NamedTuple):
@@ -88,12 +87,12 @@ class Values(NamedTuple):
     apart: np.uint64 = np.uint64(1)  # n, the rows from a state to the next
 
 
-@greedy_actions.body(Values)
+@greedy_action.body(Values)
 def _greedy_on_values(view, state, bits):
     return best_of(view.values, state * view.apart, bits)[1]
 
 
-@acting_rows.body(Values)
+@acting_row.body(Values)
 def _row_of_values(view, state, out):
     for action in range(out.shape[1]):
         out[0, action] = view.values[state * view.apart, action]
@@ -111,7 +110,7 @@ class VisitedValues(NamedTuple):
         return cls(frozen(np.zeros(0, np.int64)), frozen(np.zeros((0, n_actions))))
 
 
-@greedy_actions.body(VisitedValues)
+@greedy_action.body(VisitedValues)
 def _greedy_where_visited(view, state, bits):
     above = first_above(view.states, np.int64(state))
     if above > np.uint64(0) and view.states[above - np.uint64(1)] == np.int64(state):

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
 from curricle.tasks.graph import improper_states, rows_in_use, steps_to
-from curricle.tasks.kernel import Overloaded, compiled_once, outlined
+from curricle.tasks.kernel import compiled_once, outlined, overloaded
 from curricle.tasks.mdp import FiniteMDP, Task, tables
 from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
 
@@ -38,18 +38,14 @@ class Precision(NamedTuple):
     discount: float
 
 
+@overloaded(outlined=True)
 def back_up(backup, values, sweep):
     """Back up all values in place, as the sweep of this number; return the largest change."""
 
 
+@overloaded(outlined=True, otherwise=lambda backup, values, sweep, precision, progress: 0.0)
 def accelerate(backup, values, sweep, precision, progress):
     """Bring values closer to the fixed point while changes shrink; return the growth of `reach`."""
-
-
-back_ups = Overloaded(back_up, outlined=True)
-accelerations = Overloaded(
-    accelerate, outlined=True, otherwise=lambda backup, values, sweep, precision, progress: 0.0
-)
 
 
 class Iteration(NamedTuple):
@@ -131,14 +127,14 @@ class GreedyBackup(NamedTuple):
     rows: FloatArray  # (Y,) work space: rows backed up
 
 
-@back_ups.body(GreedyBackup)
+@back_up.body(GreedyBackup)
 def _greedy_backup(backup, values, sweep):
     back_up_rows(backup.outcomes, values, backup.rows)
     terminal = backup.outcomes.terminal
     return improve(backup.outcome_row, terminal, backup.rows, values, backup.chosen)
 
 
-@accelerations.body(GreedyBackup)
+@accelerate.body(GreedyBackup)
 def _greedy_policy_sweeps(backup, values, sweep, precision, progress):
     for n in range(SWEEPS):
         change = policy_backup(backup.outcomes, backup.chosen, values, n)
@@ -223,7 +219,7 @@ class PolicyBackup(NamedTuple):
     chosen: RowArray  # (S,)
 
 
-@back_ups.body(PolicyBackup)
+@back_up.body(PolicyBackup)
 def _policy_backup(backup, values, sweep):
     return policy_backup(backup.outcomes, backup.chosen, values, 0)  # upwards: equal sweeps
 
@@ -244,7 +240,7 @@ class MixedPolicyBackup(NamedTuple):
     rows: FloatArray  # (Y,) work space: rows backed up
 
 
-@back_ups.body(MixedPolicyBackup)
+@back_up.body(MixedPolicyBackup)
 def _mixed_policy_backup(backup, values, sweep):
     back_up_rows(backup.outcomes, values, backup.rows)
     return mixed_policy_backup(backup.policy, backup.outcomes.terminal, backup.rows, values)
@@ -274,7 +270,7 @@ class ExtrapolatedBackup(NamedTuple):
     last: IntArray  # (1,) work space: the sweep after which it was last extrapolated
 
 
-@back_ups.body(ExtrapolatedBackup)
+@back_up.body(ExtrapolatedBackup)
 def _recorded_backup(backup, values, sweep):
     step = backup.steps[sweep % 2]
     for state in range(len(values)):  # the assignment of slices takes seconds to compile
@@ -285,7 +281,7 @@ def _recorded_backup(backup, values, sweep):
     return change
 
 
-@accelerations.body(ExtrapolatedBackup)
+@accelerate.body(ExtrapolatedBackup)
 def _extrapolation(backup, values, sweep, precision, progress):
     if not progress or sweep - backup.last[0] < 4:
         return 0.0
@@ -346,7 +342,7 @@ class GreedyPlanes(NamedTuple):
     space: FloatArray  # (3, C^k) work space: a plane, its best moves, the largest change of each
 
 
-@back_ups.body(GreedyPlanes)
+@back_up.body(GreedyPlanes)
 def _greedy_planes_backup(backup, values, sweep):
     planes, n_cells = backup.planes, len(backup.planes.landing)
     plane, best, worst = backup.space[0], backup.space[1], backup.space[2]

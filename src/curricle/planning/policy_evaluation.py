@@ -14,12 +14,12 @@ from curricle.planning.rollouts import GreedyPolicy, ReturnRecord, simulate_epis
 from curricle.progress import HALTED
 from curricle.tasks.graph import improper_states
 from curricle.tasks.kernel import (
-    Overloaded,
     address_of,
     called,
     compiled,
     draw,
     inlined,
+    overloaded,
     stream_start,
 )
 from curricle.tasks.live import is_live, open_model
@@ -129,7 +129,7 @@ class ExactEvaluation(NamedTuple):
 
     def compiled_for(self, model: object, view: object) -> "ExactEvaluation":
         """Return this with its machine code for such a view; it needs no model but its tables."""
-        fixed = fixed_views.bodies.get(type(view), lambda view: view)(view)
+        fixed = fixed_values.bodies.get(type(view), lambda view: view)(view)
         return self._replace(address=address_of(compiled(exact_return, False), self, fixed))
 
 
@@ -283,29 +283,27 @@ def greedy_policy_return(
 # -- compiled ------------------------------------------------------------------------------------
 
 
+@overloaded()
 def greedy_return(evaluation, model, view):
     """Return the expected return of the policy that is greedy on a view, to the horizon."""
 
 
+@overloaded(otherwise=lambda view: view)
 def fixed_values(view):
     """Return the values that a view is greedy on as a view of fewer types; by default itself."""
 
 
-evaluations = Overloaded(greedy_return)
-fixed_views = Overloaded(fixed_values, otherwise=lambda view: view)
-
-
-@evaluations.body(NoEvaluation)
+@greedy_return.body(NoEvaluation)
 def _no_return(evaluation, model, view):
     return np.nan
 
 
-@evaluations.body(RolloutEvaluation)
+@greedy_return.body(RolloutEvaluation)
 def _rollout_return(evaluation, model, view):
     return called(evaluation.address, (evaluation, model, view))
 
 
-@evaluations.body(ExactEvaluation)
+@greedy_return.body(ExactEvaluation)
 def _exact_return(evaluation, model, view):
     return called(evaluation.address, (evaluation, fixed_values(view)))
 

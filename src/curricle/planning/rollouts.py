@@ -18,11 +18,11 @@ from curricle.errors import SettingError
 from curricle.planning.greedy import ACTION, Values, greedy_action
 from curricle.planning.solution import checked_policy
 from curricle.tasks.kernel import (
-    Overloaded,
     compiled,
     draw,
     inlined,
     integers,
+    overloaded,
     splitmix64,
     stream_start,
     uniform,
@@ -43,11 +43,9 @@ from curricle.text import brief_repr
 # -- policies ------------------------------------------------------------------------------------
 
 
+@overloaded()
 def policy_action(policy, state, bits):
     """Return the action that a policy takes in a state, drawn with 64 random bits."""
-
-
-policy_actions = Overloaded(policy_action)
 
 
 class UniformPolicy(NamedTuple):
@@ -68,12 +66,12 @@ class GreedyPolicy(NamedTuple):
     values: Any  # a view of what it is greedy on; numba reserves the name "view"
 
 
-@policy_actions.body(UniformPolicy)
+@policy_action.body(UniformPolicy)
 def _uniform_action(policy, state, bits):
     return integers(bits, policy.n_actions)
 
 
-@policy_actions.body(TablePolicy)
+@policy_action.body(TablePolicy)
 def _table_action(policy, state, bits):
     action, chance = np.uint64(0), uniform(bits)
     for i in range(np.uint64(policy.cumulative.shape[1] - 1)):
@@ -81,7 +79,7 @@ def _table_action(policy, state, bits):
     return action
 
 
-@policy_actions.body(GreedyPolicy)
+@policy_action.body(GreedyPolicy)
 def _greedy_policy_action(policy, state, bits):
     return greedy_action(policy.values, state, bits) & ACTION
 
@@ -89,11 +87,9 @@ def _greedy_policy_action(policy, state, bits):
 # -- the simulator -------------------------------------------------------------------------------
 
 
+@overloaded()
 def record_step(record, n, state, action, reward):
     """Record the n-th step of all episodes: state, action and reward."""
-
-
-step_records = Overloaded(record_step)
 
 
 class StepRecord(NamedTuple):
@@ -111,14 +107,14 @@ class ReturnRecord(NamedTuple):
     total: FloatArray  # (2,) the sum; the weight of the next reward
 
 
-@step_records.body(StepRecord)
+@record_step.body(StepRecord)
 def _record_all(record, n, state, action, reward):
     record.states[n] = np.int64(state)
     record.actions[n] = np.int64(action)
     record.rewards[n] = reward
 
 
-@step_records.body(ReturnRecord)
+@record_step.body(ReturnRecord)
 def _record_return(record, n, state, action, reward):
     record.total[0] += record.total[1] * reward
     record.total[1] *= record.discount

@@ -188,29 +188,32 @@ def compiled_as(body: Callable[..., Any]) -> Callable[[Function], Function]:
     return register
 
 
-class Overloaded:
-    """A function for compiled code with a body for each type of NamedTuple that it takes first.
+def overloaded(*, outlined: bool = False, otherwise: Body | None = None) -> Callable[[Any], Any]:
+    """Return a decorator of a signature for compiled code, which has bodies by type.
 
-    `function` is only the signature. Bodies that seldom run are called, not inlined (`outlined`).
+    ``function.body(kind)`` makes a plain function its body for one type of NamedTuple that it takes
+    first. Bodies that seldom run are called, not inlined (`outlined`).
     """
 
-    def __init__(self, function: Body, *, outlined: bool = False, otherwise: Body | None = None):
-        self.bodies: dict[type, Body] = {}
+    def register(function: Any) -> Any:
+        function.bodies = bodies = dict[type, Body]()
 
         def choose(first: object, *_: object) -> Body | None:
-            return self.bodies.get(getattr(first, "instance_class", type(None)), otherwise)
+            return bodies.get(getattr(first, "instance_class", type(None)), otherwise)
+
+        def body(kind: type) -> Callable[[Body], Body]:
+            def add(plain: Body) -> Body:
+                bodies[kind] = plain
+                return plain
+
+            return add
 
         options: Any = {**INLINED, "forceinline": not outlined}
         overload(function, jit_options=options, strict=False)(choose)
+        function.body = body
+        return function
 
-    def body(self, kind: type) -> Callable[[Body], Body]:
-        """Return the decorator that makes a plain function the body for one type."""
-
-        def register(function: Body) -> Body:
-            self.bodies[kind] = function
-            return function
-
-        return register
+    return register
 
 
 # -- machine code that loops call at its address ---------------------------------------------------

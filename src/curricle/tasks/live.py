@@ -24,14 +24,14 @@ from curricle.tasks.models import (
     check_parts,
     described,
     drawn_among_available,
-    evaluation_models,
-    failures,
-    first_states,
+    evaluation_model,
+    first_state,
+    has_failed,
     number_of,
     opened,
-    permissions,
-    transitions,
-    truncations,
+    permitted,
+    transition,
+    truncated,
 )
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
 
@@ -48,18 +48,18 @@ class Live(NamedTuple):
     available: BoolArray  # (2, A) the actions that can be taken in the present state of each
 
 
-first_states.body(Live)(lambda model, bits: _ask(model, RESET)[0])
-transitions.body(Live)(lambda model, state, action, bits: _ask(model, np.int64(action)))
-truncations.body(Live)(lambda model: model.status[model.which] == TRUNCATED)
-failures.body(Live)(lambda model: max(model.status[0], model.status[1]) == FAILED)
+first_state.body(Live)(lambda model, bits: _ask(model, RESET)[0])
+transition.body(Live)(lambda model, state, action, bits: _ask(model, np.int64(action)))
+truncated.body(Live)(lambda model: model.status[model.which] == TRUNCATED)
+has_failed.body(Live)(lambda model: max(model.status[0], model.status[1]) == FAILED)
 
 
-@evaluation_models.body(Live)
+@evaluation_model.body(Live)
 def _other_environment(model):
     return Live(model.address, model.status, np.uint64(1), model.available)
 
 
-@permissions.body(Live)
+@permitted.body(Live)
 def _permitted_now(model, state, action, bits):
     available, n_actions = AvailableTable(model.available), model.available.shape[1]
     return drawn_among_available(available, n_actions, model.which, action, bits)

@@ -20,11 +20,11 @@ from curricle.errors import TaskError
 from curricle.tasks.graph import OutcomeTables
 from curricle.tasks.kernel import (
     INLINED,
-    Overloaded,
     compiled,
     first_above,
     inlined,
     integers,
+    overloaded,
     splitmix64,
     uniform,
 )
@@ -96,45 +96,42 @@ def described(task: TaskParts, *parts: str) -> str:
 # -- what loops ask of every generative model ------------------------------------------------------
 
 
+@overloaded()
 def first_state(model, bits):
     """Return the state an episode starts in, uint64, drawn with 64 random bits."""
 
 
+@overloaded()
 def transition(model, state, action, bits):
     """Return next state (uint64), reward and whether the episode terminated; 64 random bits."""
 
 
+@overloaded(otherwise=lambda model: False)
 def truncated(model):
     """Return whether the task itself truncated the episode just now; only live tasks do."""
 
 
+@overloaded(otherwise=lambda model: False)
 def has_failed(model):
     """Return whether the task has failed; its transitions are then invalid, and loops stop."""
 
 
+@overloaded(otherwise=lambda model: model)
 def evaluation_model(model):
     """Return the model to evaluate a policy in, which leaves the one learnt in unchanged."""
-
-
-first_states, transitions = Overloaded(first_state), Overloaded(transition)
-truncations = Overloaded(truncated, otherwise=lambda model: False)
-failures = Overloaded(has_failed, otherwise=lambda model: False)
-evaluation_models = Overloaded(evaluation_model, otherwise=lambda model: model)
 
 
 # -- actions that are not available everywhere -----------------------------------------------------
 
 
+@overloaded(otherwise=lambda available, state, action: True)
 def is_available(available, state, action):
     """Return whether an action can be taken in a state; by default every action can."""
 
 
+@overloaded(otherwise=lambda model, state, action, bits: action)
 def permitted(model, state, action, bits):
     """Return the action if it is available in the state, else one drawn among those that are."""
-
-
-availabilities = Overloaded(is_available, otherwise=lambda available, state, action: True)
-permissions = Overloaded(permitted, otherwise=lambda model, state, action, bits: action)
 
 
 class AvailableTable(NamedTuple):
@@ -156,17 +153,17 @@ class OpenValues(NamedTuple):
     values: FloatTable  # (S, A)
 
 
-@availabilities.body(AvailableTable)
+@is_available.body(AvailableTable)
 def _is_listed(available, state, action):
     return available.table[state, action]
 
 
-@availabilities.body(AvailableFunction)
+@is_available.body(AvailableFunction)
 def _is_computed(available, state, action):
     return bool(available.function(available.data, np.uint64(state), np.uint64(action)))
 
 
-@availabilities.body(OpenValues)
+@is_available.body(OpenValues)
 def _is_open(available, state, action):
     return available.values[state, action] != -np.inf
 
@@ -214,15 +211,15 @@ class Restricted(NamedTuple):
     available: AvailableTable
 
 
-first_states.body(Restricted)(lambda model, bits: first_state(model.model, bits))
+first_state.body(Restricted)(lambda model, bits: first_state(model.model, bits))
 
 
-@transitions.body(Restricted)
+@transition.body(Restricted)
 def _restricted_step(model, state, action, bits):
     return transition(model.model, state, action, bits)
 
 
-@permissions.body(Restricted)
+@permitted.body(Restricted)
 def _permitted_by_table(model, state, action, bits):
     n_actions = model.available.table.shape[1]
     return drawn_among_available(model.available, n_actions, state, action, bits)
@@ -245,13 +242,13 @@ class Tables(NamedTuple):
     start_cumulative: FloatArray  # (n,)
 
 
-@first_states.body(Tables)
+@first_state.body(Tables)
 def _table_start(model, bits):
     index = first_above(model.start_cumulative, uniform(bits))
     return np.uint64(model.start_states[index])
 
 
-@transitions.body(Tables)
+@transition.body(Tables)
 def _table_step(model, state, action, bits):
     if model.row_per_pair:
         row = state * np.uint64(model.outcome_row.shape[1]) + action
@@ -307,10 +304,10 @@ class DeterministicTables(NamedTuple):
     start_cumulative: FloatArray  # (n,)
 
 
-first_states.body(DeterministicTables)(_table_start)
+first_state.body(DeterministicTables)(_table_start)
 
 
-@transitions.body(DeterministicTables)
+@transition.body(DeterministicTables)
 def _deterministic_step(model, state, action, bits):
     pair = state * model.n_actions + action
     next_state = np.uint64(model.next_state[pair])
@@ -556,7 +553,7 @@ def _state_number(returned, n_states):
     return lambda returned, n_states: min(np.uint64(returned), n_states)  # negative: a large one
 
 
-@first_states.body(Functions)
+@first_state.body(Functions)
 def _computed_start(model, bits):
     returned = model.start(model.data, bits)
     state = state_number(returned, model.n_states)
@@ -568,7 +565,7 @@ def _computed_start(model, bits):
     return state
 
 
-@transitions.body(Functions)
+@transition.body(Functions)
 def _computed_step(model, state, action, bits):
     returned, reward, terminated = model.step(model.data, state, action, bits)
     next_state = state_number(returned, model.n_states)
@@ -582,12 +579,12 @@ def _computed_step(model, state, action, bits):
     return next_state, np.float64(reward), bool(terminated)
 
 
-@permissions.body(Functions)
+@permitted.body(Functions)
 def _permitted_by_function(model, state, action, bits):
     return drawn_among_available(model.available, model.n_actions, state, action, bits)
 
 
-failures.body(Functions)(lambda model: model.failure[0].by != 0)
+has_failed.body(Functions)(lambda model: model.failure[0].by != 0)
 
 
 def has_users_code(model: object) -> bool:

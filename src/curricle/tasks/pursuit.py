@@ -18,10 +18,10 @@ from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import (
     FactoredModel,
     cumulated,
-    first_states,
+    first_state,
     joint_landing,
     predators_on_prey,
-    transitions,
+    transition,
 )
 from curricle.tasks.spaces import Component, Decoded, Space
 
@@ -239,7 +239,7 @@ def padded_moves(table: npt.NDArray[Any], filling: float) -> npt.NDArray[Any]:
     return frozen(np.pad(table, padding, constant_values=filling).ravel())
 
 
-@first_states.body(PursuitModel)
+@first_state.body(PursuitModel)
 def _start(model, bits):
     """Draw positions uniformly until the prey is not caught."""
     n_states = model.positions * model.cells
@@ -254,7 +254,7 @@ def _start(model, bits):
         bits = splitmix64(bits)
 
 
-@transitions.body(PursuitModel)
+@transition.body(PursuitModel)
 def _step(model, state, action, bits):
     """Move the prey at random and the predators by the joint action."""
     cells, predators = model.cells, np.uint64(len(model.predators))
