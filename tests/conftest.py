@@ -10,7 +10,6 @@ from hypothesis import settings
 from curricle.learning import trainers
 from curricle.learning.schedules import Schedule
 from curricle.tasks import mdp
-from curricle.tasks.models import table_model
 
 os.environ["CURRICLE_ALLOW"] = "tests"  # for study files whose functions are in the suite
 
@@ -27,7 +26,7 @@ settings.load_profile("same")
 FEWER_LOOPS = (
     (trainers, "UNROLLED", 0),
     (trainers, "NEAR", 2**62),
-    (mdp, "learning_model", table_model),
+    (mdp, "learning_model", mdp.table_model),
     (Schedule, "kernel", property(lambda schedule: schedule)),
 )
 AS_SHIPPED = [(owner, name, vars(owner)[name]) for owner, name, _ in FEWER_LOOPS]

@@ -18,13 +18,12 @@ import curricle as cr
 from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray
 from curricle.tasks.kernel import ALL, STRIDE, inlined, splitmix64, stream_start, uniform
 from curricle.tasks.live import BROKEN_DOWN, Answer, answer
-from curricle.tasks.mdp import FiniteMDP, tables
+from curricle.tasks.mdp import FiniteMDP, table_model, tables
 from curricle.tasks.models import (
     Tables,
     evaluation_model,
     first_state,
     has_failed,
-    table_model,
     transition,
 )
 from curricle.tasks.start_states import goal_states

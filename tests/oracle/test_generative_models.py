@@ -8,7 +8,8 @@ from scipy.stats import chisquare
 
 import curricle as cr
 from curricle.tasks.kernel import inverse_of, quotient
-from curricle.tasks.models import first_state, table_model, transition
+from curricle.tasks.mdp import table_model
+from curricle.tasks.models import first_state, transition
 from tests.support.tasks import pursuits
 
 FRACTION = 2**53

@@ -23,13 +23,20 @@ from curricle.tasks.kernel import (
     stream_start,
 )
 from curricle.tasks.live import is_live, open_model
-from curricle.tasks.mdp import NO_LIMIT, Task, closed, generative_model, has_tables, tables
+from curricle.tasks.mdp import (
+    NO_LIMIT,
+    Task,
+    closed,
+    generative_model,
+    has_tables,
+    table_model,
+    tables,
+)
 from curricle.tasks.models import (
     Tables,
     evaluation_model,
     first_state,
     has_users_code,
-    table_model,
     truncated,
 )
 from curricle.tasks.observation_task import is_observation_task

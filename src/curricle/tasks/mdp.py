@@ -23,10 +23,10 @@ from curricle.tasks.models import (
     DeterministicTables,
     Restricted,
     Tables,
+    TaskParts,
     check_horizon,
     cumulated,
     described,
-    learning_model,
 )
 from curricle.tasks.readers import (
     Pairs,
@@ -438,6 +438,34 @@ class FiniteMDP(Frozen):
         return described(self, f"{int(self.terminal.sum())} terminal")
 
 
+LARGEST_WITH_ROW_PER_PAIR = 100_000
+"""Outcomes (S x A x O) up to which every pair gets a row of its own: one read less a step."""
+
+
+def table_model(mdp: FiniteMDP) -> Tables:
+    """Return the tables of a :class:`FiniteMDP` as a generative model."""
+    rows = (mdp.outcome_row, mdp.probability, mdp.cumulative, mdp.next_state, mdp.reward)
+    row_per_pair = mdp.outcome_row.size * mdp.probability.shape[1] <= LARGEST_WITH_ROW_PER_PAIR
+    if row_per_pair:
+        row = mdp.outcome_row.ravel()
+        pairs = np.arange(row.size, dtype=np.int32).reshape(mdp.outcome_row.shape)
+        rows = (frozen(pairs), *(frozen(array[row]) for array in rows[1:]))
+    return Tables(row_per_pair, *rows, mdp.terminal, mdp.start_states, mdp.start_cumulative)
+
+
+def learning_model(mdp: FiniteMDP) -> Tables | DeterministicTables:
+    """Return the generative model of a :class:`FiniteMDP` for learning: the fastest that fits."""
+    tables = table_model(mdp)
+    if not tables.row_per_pair or tables.next_state.shape[1] > 1:
+        return tables
+    return DeterministicTables(
+        np.uint64(mdp.actions.size),
+        frozen(tables.next_state.ravel()),
+        frozen(tables.reward.ravel()),
+        *tables[-3:],
+    )
+
+
 def closed(values: Table, available: BoolArray | None) -> Table:
     """Return values of pairs, (..., S, A), with -inf where an action is not available."""
     if available is None:
@@ -548,17 +576,9 @@ class Task(Protocol):
         """The task as tables."""
 
 
-class GenerativeModel(Protocol):
+class GenerativeModel(TaskParts, Protocol):
     """A task as learning reads it: spaces, horizon, and a generative model for compiled loops."""
 
-    @property
-    def states(self) -> Space: ...  # noqa: D102
-    @property
-    def actions(self) -> Space: ...  # noqa: D102
-    @property
-    def discount(self) -> float: ...  # noqa: D102
-    @property
-    def time_limit(self) -> int | None: ...  # noqa: D102
     @property
     def terminal(self) -> BoolArray | None: ...  # noqa: D102
     @property

@@ -17,7 +17,6 @@ from numba.extending import overload
 from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray, frozen
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.graph import OutcomeTables
 from curricle.tasks.kernel import (
     INLINED,
     compiled,
@@ -263,36 +262,6 @@ def _table_step(model, state, action, bits):
     return next_state, model.reward[row, outcome], model.terminal[next_state]
 
 
-class TaskTables(OutcomeTables, Protocol):
-    """The tables of a task with what compiled loops draw by."""
-
-    @property
-    def actions(self) -> Space: ...  # noqa: D102
-    @property
-    def cumulative(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def reward(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def start_states(self) -> IntArray: ...  # noqa: D102
-    @property
-    def start_cumulative(self) -> FloatArray: ...  # noqa: D102
-
-
-LARGEST_WITH_ROW_PER_PAIR = 100_000
-"""Outcomes (S x A x O) up to which every pair gets a row of its own: one read less a step."""
-
-
-def table_model(mdp: TaskTables) -> Tables:
-    """Return the tables of a :class:`FiniteMDP` as a generative model."""
-    rows = (mdp.outcome_row, mdp.probability, mdp.cumulative, mdp.next_state, mdp.reward)
-    row_per_pair = mdp.outcome_row.size * mdp.probability.shape[1] <= LARGEST_WITH_ROW_PER_PAIR
-    if row_per_pair:
-        row = mdp.outcome_row.ravel()
-        pairs = np.arange(row.size, dtype=np.int32).reshape(mdp.outcome_row.shape)
-        rows = (frozen(pairs), *(frozen(array[row]) for array in rows[1:]))
-    return Tables(row_per_pair, *rows, mdp.terminal, mdp.start_states, mdp.start_cumulative)
-
-
 class DeterministicTables(NamedTuple):
     """The tables of a :class:`FiniteMDP` with one outcome a pair, which has a row of its own."""
 
@@ -312,19 +281,6 @@ def _deterministic_step(model, state, action, bits):
     pair = state * model.n_actions + action
     next_state = np.uint64(model.next_state[pair])
     return next_state, model.reward[pair], model.terminal[next_state]
-
-
-def learning_model(mdp: TaskTables) -> Tables | DeterministicTables:
-    """Return the generative model of a :class:`FiniteMDP` for learning: the fastest that fits."""
-    tables = table_model(mdp)
-    if not tables.row_per_pair or tables.next_state.shape[1] > 1:
-        return tables
-    return DeterministicTables(
-        np.uint64(mdp.actions.size),
-        frozen(tables.next_state.ravel()),
-        frozen(tables.reward.ravel()),
-        *tables[-3:],
-    )
 
 
 def cumulated(probability: FloatArray) -> FloatArray:
