@@ -23,7 +23,8 @@ from curricle.tasks.family import FamilyMember
 from curricle.tasks.graph import reachable_states
 from curricle.tasks.gridworld import OBJECTS, GridWorld
 from curricle.tasks.mdp import FiniteMDP, Task, tables
-from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.pursuit import Pursuit, predator_groups
+from curricle.tasks.readers import Pairs
 from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.spaces import Component, Space
 from curricle.tasks.start_states import GoalDistance, goal_distance, goal_states, with_start
@@ -300,14 +301,9 @@ def _cleared(task: Mapped, places: Places) -> Mapped:
 def _with_predators(task: Pursuit, n: int) -> Made:
     """Return the pursuit of the first n predators, with a mapping for each group of n."""
     capture = min(task.capture, n) if isinstance(task.capture, int) else task.capture
-    source, many = replace(task, predators=n, capture=capture), task.predator_names
-    mappings = []
-    for first in range(len(many)):
-        group = {
-            name: many[(first + i) % len(many)] for i, name in enumerate(source.predator_names)
-        }
-        mappings.append(ComponentMapping(task, source, group))
-    return source, mappings
+    source = replace(task, predators=n, capture=capture)
+    groups = predator_groups(task, source)
+    return source, [ComponentMapping(task, source, group) for group in groups]
 
 
 # -- no chance -------------------------------------------------------------------------------------
@@ -443,10 +439,8 @@ def _average(mdp: FiniteMDP, cluster: IntArray, n: int) -> tuple[Any, Any, Any]:
     keys, which = np.unique(key[possible], return_inverse=True)
     total = np.bincount(which, chance.ravel()[possible])
     earned = np.bincount(which, (chance * reward).ravel()[possible])
-    rows = keys // n
-    place = np.arange(len(keys)) - np.searchsorted(rows, rows)
-    shape = n * n_actions, int(place.max()) + 1
-    probability, after, mean = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape)
-    probability[rows, place], after[rows, place] = total, keys % n
-    mean[rows, place] = earned / total
+    pairs = np.divmod(np.arange(n * n_actions), n_actions)
+    counts = np.bincount(keys // n, minlength=n * n_actions)
+    outcomes = total, keys % n, earned / total
+    probability, after, mean = Pairs((n, n_actions), *pairs, counts, *outcomes).tables()[2]
     return probability / probability.sum(axis=1, keepdims=True), after, mean

@@ -1,6 +1,5 @@
 """Whether a shaping is safe: proven in every state, refuted in one, or open."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -152,7 +151,8 @@ class Certificate(Frozen):
         return self.holds is True
 
     def __str__(self) -> str:
-        return _as_text([f"{self._verdict()} ({self._limits()})", *self.findings])
+        sentences = f"{self._verdict()} ({self._limits()})", *self.findings
+        return ". ".join(sentence[0].upper() + sentence[1:] for sentence in sentences) + "."
 
     _repr_html_ = printed
 
@@ -179,10 +179,6 @@ class Certificate(Frozen):
         loss = "unknown" if self.loss != self.loss else f"{self.loss:.2g}"
         limits = f"tolerance {self.tolerance:g}, largest possible loss {loss}"
         return f"values proven to {self.error_bound:.0e}, {limits}" if self.states else limits
-
-
-def _as_text(sentences: Sequence[str]) -> str:
-    return ". ".join(sentence[0].upper() + sentence[1:] for sentence in sentences) + "."
 
 
 def certify(

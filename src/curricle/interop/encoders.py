@@ -6,7 +6,7 @@ All are frozen dataclasses: equal settings are equal encoders, with the same tex
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -134,6 +134,12 @@ VOCABULARY = (
 WORDS = tuple(VOCABULARY.split())
 """Words in missions of MiniGrid (its ``DictObservationSpaceWrapper``) and of BabyAI."""
 Cells = npt.NDArray[np.float32]
+FACING: Cells = np.eye(DIRECTIONS, dtype=np.float32)
+EVERY_CELL: Cells = np.eye(CHANNELS, dtype=np.float32)[
+    np.indices((OBJECTS, COLOURS, STATES))
+    + np.reshape([0, OBJECTS, OBJECTS + COLOURS], (3, 1, 1, 1))
+].sum(axis=0)
+"""The zeros and ones of every object, colour and state, (11, 6, 3, 20)."""
 
 
 class _MiniGridEncoder:
@@ -184,7 +190,7 @@ class _MiniGridEncoder:
 
     def _encoded(self, with_mission: bool, base: MiniGrid, observation: Mapping[str, Any]) -> Cells:
         cells = self._cells(base, observation)
-        direction = _directions()[observation["direction"]]
+        direction = FACING[observation["direction"]]
         if self.picture:
             planes = np.broadcast_to(direction[:, None, None], (DIRECTIONS, *cells.shape[1::-1]))
             return np.concatenate([cells.transpose(2, 1, 0), planes])
@@ -284,7 +290,7 @@ class MiniGridFullView(_MiniGridEncoder):
 def _one_hot(codes: npt.NDArray[Any]) -> Cells:
     """Return codes of cells, (width, height, 3), as zeros and ones, (width, height, 20)."""
     try:
-        cells: Cells = _every_cell()[codes[..., 0], codes[..., 1], codes[..., 2]]
+        cells: Cells = EVERY_CELL[codes[..., 0], codes[..., 1], codes[..., 2]]
         return cells
     except IndexError:
         raise TaskError(
@@ -304,17 +310,3 @@ def _bag_of_words(mission: str) -> Cells:
             )
         has[WORDS.index(word)] = 1
     return has
-
-
-@cache
-def _every_cell() -> Cells:
-    """Return the zeros and ones of every object, colour and state, (11, 6, 3, 20)."""
-    codes = np.indices((OBJECTS, COLOURS, STATES))
-    begins = np.reshape([0, OBJECTS, OBJECTS + COLOURS], (3, 1, 1, 1))
-    cells: Cells = np.eye(CHANNELS, dtype=np.float32)[codes + begins].sum(axis=0)
-    return cells
-
-
-@cache
-def _directions() -> Cells:
-    return np.eye(DIRECTIONS, dtype=np.float32)

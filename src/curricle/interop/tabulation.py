@@ -63,6 +63,7 @@ from curricle.progress import check_progress, shown
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import number_of
 from curricle.tasks.observation_task import EnvironmentMaker, layers_of
+from curricle.tasks.readers import Pairs
 from curricle.tasks.spaces import Component, Space, values_of
 from curricle.transfer.bisimulation import merged_outcomes, numbered_rows
 
@@ -389,15 +390,10 @@ def _outcome_rows(
         earned = np.bincount(which, weights=chance * reward)
         chance = np.bincount(which, weights=chance)
         reward = earned / chance
-    order = np.argsort(pair, kind="stable")
-    pair, after, chance, reward = pair[order], after[order], chance[order], reward[order]
-    n_pairs = len(search.states) * n_actions
-    counts = np.bincount(pair, minlength=n_pairs)
-    place = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
-    shape = n_pairs, max(1, int(counts.max(initial=0)))
-    p, s, r = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape)
-    p[pair, place], s[pair, place], r[pair, place] = chance, after, reward
-    return p, s, r
+    order, shape = np.argsort(pair, kind="stable"), (len(search.states), n_actions)
+    pairs = np.divmod(np.arange(shape[0] * n_actions), n_actions)
+    counts = np.bincount(pair, minlength=shape[0] * n_actions)
+    return Pairs(shape, *pairs, counts, chance[order], after[order], reward[order]).tables()[2]
 
 
 def alike(tables: Tables, observations: ObservationTable, n_actions: int) -> IntArray:

@@ -182,7 +182,7 @@ class SparseTable(NamedTuple):
     slots: npt.NDArray[np.int32]  # (2^h,) a row, or 0 where empty; open addressing
     used: IntArray  # (1,) rows in use, row 0 among them
     lookup: ValueLookup
-    available: Any  # which actions can be taken, as of :func:`availability`
+    available: Any  # which actions can be taken, as a generative model has them; None for all
     key: np.uint64  # breaks the ties of new rows
     width: StaticInt  # A where loops along a row are to be unrolled, else 0
     far: StaticInt  # 1 where the table exceeds the nearest cache, else 0

@@ -34,7 +34,7 @@ from curricle.learning.value_lookup import no_sources
 from curricle.planning.policy_evaluation import EvaluationKernel
 from curricle.tasks.kernel import address_of, compiled, splitmix64
 from curricle.tasks.live import masks_actions, open_model
-from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, availability, available_actions
+from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, available_actions
 from curricle.tasks.models import has_users_code
 
 NEAR = 32_768  # bytes of a table that stays in the processor's nearest cache
@@ -294,7 +294,7 @@ def empty_sparse_table(run: Run, seed: Seed) -> SparseTable:
         np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
         np.ones(1, np.int64),
         lookup._replace(initial=float(run.learner.initial_value)),
-        availability(run.task),
+        getattr(run.task.model, "available", None),
         np.uint64(splitmix64(seed.start)),
         run.width,
         (None,),

@@ -490,7 +490,10 @@ class TabularPlanningModel(_Model):
     def largest_sum(self, policy: Policy | None) -> float:
         """Return a bound of the sum of a pair's probabilities, or of a state's under a policy."""
         used = rows_in_use(self.mdp.outcome_row, self.terminal, len(self.mdp.probability))
-        return sum_bound(self.mdp.probability[used]) * policy_sum(policy, self.terminal)
+        bound = sum_bound(self.mdp.probability[used])
+        if policy is None or policy.ndim == 1:  # one action a state
+            return bound
+        return bound * sum_bound(policy[~self.terminal])
 
     def start_value(self, values: FloatArray) -> float:
         """Return the mean of `values` over the start distribution."""
@@ -593,11 +596,6 @@ def sum_bound(probability: npt.NDArray[Any]) -> float:
     rounding = (probability.shape[1] - 1) * np.finfo(np.float64).eps
     largest = probability.sum(axis=1).max(initial=0.0)
     return float(largest * (1 + rounding))
-
-
-def policy_sum(policy: Policy | None, terminal: BoolArray) -> float:
-    """Return a bound of the sum of a policy's probabilities; 1 where it is one action a state."""
-    return 1.0 if policy is None or policy.ndim == 1 else sum_bound(policy[~terminal])
 
 
 def mixed_policy(

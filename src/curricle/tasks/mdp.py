@@ -503,11 +503,6 @@ def live_pairs(task: object) -> BoolArray:
     return pairs if available is None else pairs & available
 
 
-def availability(task: object) -> Any:
-    """Return the available actions for compiled code; None where all are, or none are known."""
-    return getattr(generative_model(task).model, "available", None)
-
-
 def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """Return a frozen array of this type; TaskError where it is none, or flags are not 0 and 1."""
     try:

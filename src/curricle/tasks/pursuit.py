@@ -288,16 +288,22 @@ def _pursuit_mappings(target: FamilyMember, source: FamilyMember) -> list[Any]:
             f"a pursuit reads pursuits with at most its {target['predators']} predators: got "
             f"{source}"
         )
-    # A group of predators stands for the source's: each predator and those after it, in a circle
-    # (paper E7: f_1 and f_2 of two predators from one).
-    names, source_names = target.task.predator_names, source.task.predator_names
-    groups = [
-        {name: names[(first + i) % len(names)] for i, name in enumerate(source_names)}
-        for first in range(len(names) if len(names) > len(source_names) else 1)
-    ]
+    groups = predator_groups(target.task, source.task)
     if target["size"] == source["size"]:
         return [ComponentsByName(renaming=group) for group in groups]
     return [_on_another_size(target, source, group) for group in groups]
+
+
+def predator_groups(target: Pursuit, source: Pursuit) -> list[dict[str, str]]:
+    """Return the groups of a target's predators that stand for a source's, by the source's names.
+
+    Each predator and those after it, in a circle (paper E7: f_1 and f_2 of two from one).
+    """
+    names, source_names = target.predator_names, source.predator_names
+    return [
+        {name: names[(first + i) % len(names)] for i, name in enumerate(source_names)}
+        for first in range(len(names) if len(names) > len(source_names) else 1)
+    ]
 
 
 def _on_another_size(

@@ -47,7 +47,6 @@ class ObservationEpisode:
     """One episode of T steps."""
 
     rewards: FloatArray  # (T,)
-    terminated: bool  # rather than truncated
     observations: list[Any]  # the T observations in which an action was taken
 
 
@@ -78,7 +77,7 @@ class Environments:
             running = [k for k in running if not (terminated[k] or truncated[k])]
             if not running:
                 break
-        return [*map(ObservationEpisode, map(np.array, rewards), terminated, observations)]
+        return [*map(ObservationEpisode, map(np.array, rewards), observations)]
 
     def close(self) -> None:
         """Close the environments."""
