@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.comparison.sentences import unlearnt
 from curricle.errors import ConfigError
-from curricle.learning.stopping import SETTLED, UNLEARNT, levels, share_of_rise
+from curricle.learning.stopping import SETTLED, UNLEARNT, share_of_rise, stopping_kernel
 from curricle.planning.greedy import VisitedValues
 from curricle.planning.policy_evaluation import greedy_policy_return
 from curricle.planning.target import Target
@@ -94,9 +94,9 @@ def test_without_a_model_it_has_to_exceed_random_play_by_more_than_its_noise():
     # 20 means of 1,000 episodes: the floor lies within their range of 4 standard errors.
     assert np.mean(randoms) < floor < np.mean(randoms) + 4 * np.std(randoms)
     settled = cr.StoppingRule(100, settled=0.05)
-    assert levels(settled, walk, cr.GreedyEvaluation())[:2] == (None, floor)
+    assert stopping_kernel(settled, walk, cr.GreedyEvaluation())[0] == settled.kernel(None, floor)
     off = cr.GreedyEvaluation(method="off")
-    assert levels(settled, walk, off) == (None, -np.inf, 0)
+    assert stopping_kernel(settled, walk, off) == (settled.kernel(), 0)
 
 
 def test_the_verdict_names_sources_that_did_not_learn(read, tmp_path):

@@ -23,13 +23,12 @@ from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.seeds import seed_settings
 from curricle.learning.shaping import QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import (
-    NEVER_STOPS,
     Budget,
     StoppingRule,
-    levels,
     limits,
     longest_run,
     spacing,
+    stopping_kernel,
 )
 from curricle.pictures.episode import Episode, frame_of, played, with_pictures
 from curricle.planning.policy_evaluation import GreedyEvaluation
@@ -403,12 +402,9 @@ def learn_deep(
         shaping=shaping,
         charged=charged,
     )
-    stopping, floor_steps = NEVER_STOPS, 0
-    if isinstance(budget, StoppingRule):
-        if budget.fraction is not None:
-            raise not_solved(budget.fraction, task)
-        level, floor, floor_steps = levels(budget, task, evaluation, target_of)
-        stopping = budget.kernel(level, floor)
+    if isinstance(budget, StoppingRule) and budget.fraction is not None:
+        raise not_solved(budget.fraction, task)
+    stopping, floor_steps = stopping_kernel(budget, task, evaluation, target_of)
     from curricle.deep.models import DeepRun  # needs Stable-Baselines3
 
     lengths = budget, eval_freq, longest

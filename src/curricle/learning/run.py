@@ -16,14 +16,11 @@ from curricle.learning.result import LearningResult, Outcome, learning_result
 from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import (
-    NEVER_STOPS,
-    NO_LEVELS,
     Budget,
-    StoppingRule,
-    levels,
     limits,
     longest_run,
     spacing,
+    stopping_kernel,
 )
 from curricle.learning.storage import Storage, rows_allowed
 from curricle.learning.trainers import Run, check_sparse
@@ -123,10 +120,7 @@ def learn(
     )
     kernel = evaluation.kernel(task)
     snapshots = whole_number("snapshots", snapshots, 0, SettingError)
-    found = levels(budget, task, evaluation) if isinstance(budget, StoppingRule) else NO_LEVELS
-    stopping = NEVER_STOPS
-    if isinstance(budget, StoppingRule):
-        stopping = budget.kernel(found.level, found.floor)
+    stopping, floor_steps = stopping_kernel(budget, task, evaluation)
     threads = threads_for(generative, workers, len(settings))
     work = 0  # steps of an evaluation; a sweep of an exact one counts as one a pair
     if isinstance(kernel, RolloutEvaluation):
@@ -162,7 +156,7 @@ def learn(
         storage,
         rows,
         bounds,
-        found.steps,
+        floor_steps,
     )
     if rows:
         check_sparse(run, settings)

@@ -102,7 +102,7 @@ class StoppingRule:
         return f"{least}{counted(self.max_steps, 'step')}{until}"
 
     def kernel(self, level: float | None = None, floor: float = -math.inf) -> "StoppingKernel":
-        """Return the rule for compiled loops; for `level` and `floor` see ``levels``."""
+        """Return the rule for compiled loops; a task gives `level` and `floor`."""
         level = self.threshold if self.fraction is None else level
         level, settled = (
             math.nan if bound is None else float(bound) for bound in (level, self.settled)
@@ -176,17 +176,6 @@ begins, as a share of its steps; evaluations in each of the two parts that are c
 
 ALL_STEPS, ALL_EPISODES = "all steps used", "all episodes done"
 MEMORY_FULL = "memory full"
-
-
-class Levels(NamedTuple):
-    """The returns that a task gives a stopping rule, and what it took to find them."""
-
-    level: float | None  # that a fraction of the optimum stands for
-    floor: float  # above which a return may have settled
-    steps: int  # of the random policy's rollouts by which the floor was estimated
-
-
-NO_LEVELS = Levels(None, -math.inf, 0)
 
 
 class StoppingKernel(NamedTuple):
@@ -350,19 +339,24 @@ class Decision:
         return "; ".join(parts)
 
 
-def levels(
-    rule: StoppingRule, task: Any, evaluation: GreedyEvaluation, target: Any = Target.of
-) -> Levels:
-    """Return the levels of a rule in a task; `target` makes a :class:`Target` of a task."""
+def stopping_kernel(
+    budget: "Budget", task: Any, evaluation: GreedyEvaluation, target: Any = Target.of
+) -> tuple[StoppingKernel, int]:
+    """Return a budget's rule in a task for compiled loops, and the steps that its floor took.
+
+    `target` makes a :class:`Target` of a task.
+    """
+    if not isinstance(budget, StoppingRule):
+        return NEVER_STOPS, 0
     evaluated = evaluation.method != "off" and evaluation.horizon(task) < NO_LIMIT
-    settles = rule.settled is not None and evaluated
-    if rule.fraction is None and not settles:
-        return NO_LEVELS
+    settles = budget.settled is not None and evaluated
+    if budget.fraction is None and not settles:
+        return budget.kernel(), 0
     solved = target(task, evaluation, episodes=BATCHES * evaluation.rollouts(task))
-    level = None if rule.fraction is None else solved.level(rule.fraction)
+    level = None if budget.fraction is None else solved.level(budget.fraction)
     if not settles:
-        return NO_LEVELS._replace(level=level)
-    return Levels(level, solved.floor, solved.floor_steps)
+        return budget.kernel(level), 0
+    return budget.kernel(level, solved.floor), solved.floor_steps
 
 
 # -- what a stopping rule decided ------------------------------------------------------------------
