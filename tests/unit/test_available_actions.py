@@ -88,7 +88,7 @@ def test_random_rollouts_are_uniform_over_available_actions(by):
             lambda data, state, action, bits: (0, 1.0 * (bits % 2), False),
             time_limit=None, available=lambda data, state, action: action in (0, 2, 3),
         )  # fmt: skip
-    actions = random_rollouts(task, episodes=30, length=1000).actions.ravel()
+    actions = random_rollouts(task, episodes=30, length=1000)[0].actions
     counts = np.bincount(actions, minlength=5)
     assert not counts[~available].any()
     assert chisquare(counts[available]).pvalue > 1e-3
@@ -111,9 +111,10 @@ def test_a_redrawn_action_says_nothing_about_its_outcome():
         cr.Space([cr.Component("state", 2)]), cr.Space([cr.Component("action", 4)]),
         lambda data, bits: 0, step, available=lambda data, state, action: action % 3 == 0,
     )  # fmt: skip
-    rolled = random_rollouts(task, episodes=20, length=1000)
+    steps, _ = random_rollouts(task, episodes=20, length=1000)
+    rows = steps.states.reshape(20, 1000)
     table = np.zeros((2, 2))
-    np.add.at(table, (rolled.actions.ravel() // 3, rolled.states[:, 1:].ravel()), 1)
+    np.add.at(table, (steps.actions.reshape(20, 1000)[:, :-1] // 3, rows[:, 1:]), 1)
     assert chi2_contingency(table).pvalue > 1e-3
 
 
@@ -287,9 +288,8 @@ def test_a_live_task_is_learnt_as_its_tables(kind, learner):
     np.testing.assert_array_equal(learnt.values, known.values)
     np.testing.assert_array_equal(learnt.training_return, known.training_return)
     assert learnt.watch().actions.size
-    rolled = random_rollouts(live, episodes=50, length=20)
-    taken = rolled.taken
-    assert (rolled.actions[taken] < rolled.states[:, :-1][taken]).all()
+    steps, _ = random_rollouts(live, episodes=50, length=20)
+    assert (steps.actions < steps.states).all()
 
 
 def test_a_live_task_refuses_what_needs_masks_beforehand():
@@ -375,9 +375,8 @@ def test_a_computed_task_in_dense_and_sparse_tables():
     assert np.isfinite(dense[0, :2]).all()
     sparse = cr.learn(task, budget=5000, storage=cr.Storage(kind="sparse")).values[0]
     np.testing.assert_array_equal(sparse.values, dense[sparse.states])
-    rolled = random_rollouts(task, episodes=40, length=30)
-    taken = rolled.taken
-    assert expected[rolled.states[:, :-1][taken], rolled.actions[taken]].all()
+    steps, _ = random_rollouts(task, episodes=40, length=30)
+    assert expected[steps.states, steps.actions].all()
     environment = to_gymnasium(task)
     environment.reset(options={"state": 3})
     assert environment.action_masks().tolist() == [True, True, True]

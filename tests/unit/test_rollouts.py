@@ -75,8 +75,8 @@ def test_tasks_with_and_without_tables_draw_alike():
         assert computed.rewards.tolist() == other.rewards.tolist()
         assert (computed.terminated, computed.truncated) == (other.terminated, other.truncated)
     walked, tabled = (random_rollouts(task, episodes=9, length=7) for task in (RING, table))
-    np.testing.assert_array_equal(walked.states, tabled.states)
-    np.testing.assert_array_equal(walked.actions, tabled.actions)
+    for drawn, read in zip((*walked[0], *walked[1]), (*tabled[0], *tabled[1]), strict=True):
+        np.testing.assert_array_equal(drawn, read)
 
 
 def test_a_long_episode_is_simulated_in_pieces(monkeypatch):
@@ -90,31 +90,37 @@ def test_a_long_episode_is_simulated_in_pieces(monkeypatch):
         assert episode.terminated == expected.terminated
 
 
+def after_each(steps, ends):
+    """Return the state after each step of all episodes."""
+    after = np.append(steps.states[1:], 0)
+    after[np.cumsum(ends.lengths) - 1] = ends.last_states
+    return after
+
+
 def test_rollouts_follow_the_task():
-    rollouts = random_rollouts(MAZE, episodes=200, length=60, seed=3)
-    mdp, taken = MAZE.mdp, rollouts.taken
-    here, after = rollouts.states[:, :-1][taken], rollouts.states[:, 1:][taken]
-    row = mdp.outcome_row[here, rollouts.actions[taken]]
-    np.testing.assert_array_equal(mdp.next_state[row, 0], after)
-    assert not mdp.terminal[here].any()
-    np.testing.assert_array_equal(mdp.terminal[rollouts.states[:, -1]], rollouts.terminated)
-    np.testing.assert_array_equal(rollouts.ending.sum(axis=1), rollouts.terminated)
-    assert 0 < rollouts.terminated.sum() < 200 or rollouts.terminated.all()
-    assert (rollouts.length[~rollouts.terminated] == 60).all()
+    mdp, (steps, ends) = MAZE.mdp, random_rollouts(MAZE, episodes=200, length=60, seed=3)
+    row = mdp.outcome_row[steps.states, steps.actions]
+    np.testing.assert_array_equal(mdp.next_state[row, 0], after_each(steps, ends))
+    assert not mdp.terminal[steps.states].any()
+    np.testing.assert_array_equal(mdp.terminal[ends.last_states], ends.terminated)
+    assert 0 < ends.terminated.sum() < 200 or ends.terminated.all()
+    assert (ends.lengths[~ends.terminated] == 60).all()
     # Every action is as likely: 4 standard deviations, one false alarm in 4,000 streams.
-    n = taken.sum()
-    counts = np.bincount(rollouts.actions[taken], minlength=4)
+    n = len(steps.states)
+    counts = np.bincount(steps.actions, minlength=4)
     assert abs(counts / n - 0.25).max() < 4 * np.sqrt(0.25 * 0.75 / n)
     # What the task does does not depend on the draw of the action: within 5 standard deviations.
     chase = cr.Pursuit(size=9, predators=1)
-    rollouts = random_rollouts(chase, episodes=400, length=50)
-    first, then = (chase.states.decode(rollouts.states[:, i])["prey"] for i in (0, 1))
+    steps, ends = random_rollouts(chase, episodes=400, length=50)
+    starts = np.cumsum(ends.lengths) - ends.lengths
+    columns = steps.states[starts], after_each(steps, ends)[starts]
+    first, then = (chase.states.decode(column)["prey"] for column in columns)
     joint = np.zeros((5, 5))
     moved = [0, -9, 1, 9, -1]
     inside = np.isin(first // 9, range(1, 8)) & np.isin(first % 9, range(1, 8))
     for prey, move in enumerate(moved):
         joint[:, prey] = np.bincount(
-            rollouts.actions[inside & (then - first == move), 0], minlength=5
+            steps.actions[starts][inside & (then - first == move)], minlength=5
         )  # fmt: skip
     assert joint.sum() == inside.sum()
     assert abs(joint - joint.sum() / 25).max() < 5 * np.sqrt(joint.sum() / 25)

@@ -190,5 +190,5 @@ def visited_states(task: Task, *, dense: bool) -> IntArray:
         mdp = tables(task)
         return np.flatnonzero(reachable_states(mdp) & ~mdp.terminal)
     limit = min(generative_model(task).time_limit or LENGTH, LENGTH)
-    rollouts = random_rollouts(task, episodes=EPISODES, length=limit)
-    return np.unique(rollouts.states[:, :-1][rollouts.taken])
+    steps, _ = random_rollouts(task, episodes=EPISODES, length=limit)
+    return np.unique(steps.states)

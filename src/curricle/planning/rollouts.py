@@ -348,29 +348,10 @@ def _start(task: GenerativeModel, start: int) -> IntArray:
     return np.array([state])
 
 
-@dataclass(frozen=True, eq=False)
-class RandomRollouts(Frozen):
-    """E episodes of the uniformly random policy, of up to L steps."""
-
-    states: IntArray  # (E, L + 1) from where each starts; after its end the last one, repeated
-    actions: IntArray  # (E, L) 0 after the end
-    length: IntArray  # (E,) steps taken
-    terminated: BoolArray  # (E,) the others were cut off
-
-    @property
-    def taken(self) -> BoolArray:
-        """Which steps were taken, (E, L)."""
-        return np.asarray(np.arange(self.actions.shape[1]) < self.length[:, None])
-
-    @property
-    def ending(self) -> BoolArray:
-        """Which steps terminated an episode, (E, L)."""
-        last = np.arange(self.actions.shape[1]) == self.length[:, None] - 1
-        return np.asarray(last & self.terminated[:, None])
-
-
-def random_rollouts(task: Task, *, episodes: int, length: int, seed: int = 0) -> RandomRollouts:
-    """Return episodes in which every available action is equally likely at every step."""
+def random_rollouts(
+    task: Task, *, episodes: int, length: int, seed: int = 0
+) -> tuple[StepRecord, EpisodeEnds]:
+    """Return episodes in which every available action is equally likely, as :func:`simulate`."""
     n = whole_number("episodes of random rollouts", episodes, 1, SettingError)
     length = whole_number("the length of a random rollout in steps", length, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
@@ -378,12 +359,4 @@ def random_rollouts(task: Task, *, episodes: int, length: int, seed: int = 0) ->
     first = stream_start(seed, "random_rollouts")
     policy, stream = UniformPolicy(np.uint64(generative.actions.size)), np.array([first], np.uint64)
     with open_model(generative, first) as model:
-        steps, ends = simulate(model, policy, stream, episodes=n, limit=length)
-    taken = np.arange(length) < ends.lengths[:, None]
-    states = np.repeat(ends.last_states[:, None], length + 1, axis=1)
-    states[:, :-1][taken] = steps.states
-    actions = np.zeros((n, length), np.int64)
-    actions[taken] = steps.actions
-    return RandomRollouts(
-        frozen(states), frozen(actions), frozen(ends.lengths), frozen(ends.terminated)
-    )
+        return simulate(model, policy, stream, episodes=n, limit=length)
