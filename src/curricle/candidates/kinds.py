@@ -34,6 +34,7 @@ from curricle.transfer.bisimulation import merged_outcomes
 from curricle.transfer.by_components import (
     ComponentMapping,
     family_mappings,
+    identity,
     project,
     same_position,
 )
@@ -91,16 +92,13 @@ Mapped = TypeVar("Mapped", GridWorld, KeyLockPit, FrozenLake)  # tasks of a map
 def paired(
     target: Task,
     make: Callable[[], Task],
-    reads: Callable[[Any, Any], PairMapping] | None = None,
+    reads: Callable[[Any, Any], PairMapping] = identity,
 ) -> Callable[[], Made]:
     """Return a `build` for the task that `make` returns, with mapping `reads(target, source)`."""
 
     def build() -> Made:
         source = make()
-        if reads is not None:
-            return source, reads(target, source)
-        states, actions = np.arange(target.states.size), np.arange(target.actions.size)
-        return source, pair_mapping(target, source, states[:, None], actions)
+        return source, reads(target, source)
 
     return build
 

@@ -140,6 +140,17 @@ def whiskers(interval: Interval) -> list[list[Any]]:
     return [[interval.estimate - interval.low], [interval.high - interval.estimate]]
 
 
+def draw_interval(
+    panel: Axes, place: float, interval: Interval, colour: str, *, across: bool = False, **more: Any
+) -> None:
+    """Draw an interval as a dot with whiskers at a place of the horizontal axis, or `across`."""
+    style: dict[str, Any] = {"color": colour, "fmt": "o", "ms": 5, "capsize": 2, **more}
+    if across:
+        panel.errorbar(interval.estimate, place, xerr=whiskers(interval), **style)
+    else:
+        panel.errorbar(place, interval.estimate, yerr=whiskers(interval), **style)
+
+
 def in_thousands(panel: Axes) -> None:
     """Write the horizontal axis in thousands."""
     panel.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}")
@@ -458,14 +469,7 @@ def _draw_saved(panel: Axes, arms: Arms, seeds: int, title: str) -> None:
         for size in SIZES:
             mean = mean_interval((arms[size].net if strong else arms[size].saved) / 1000)
             filling = colour if arms[size].reached == seeds else "white"
-            style: dict[str, Any] = {
-                "color": colour,
-                "fmt": "o",
-                "ms": 5,
-                "mfc": filling,
-                "capsize": 2,
-            }
-            panel.errorbar(size + shift, mean.estimate, yerr=whiskers(mean), **style)
+            draw_interval(panel, size + shift, mean, colour, mfc=filling)
     draw_level(panel, 0)
     xlabel = "size of the source (cells a side)"
     panel.set(xlabel=xlabel, ylabel=SAVED, title=title, xticks=range(1, 11))

@@ -19,11 +19,11 @@ from curricle.paper.mazes import (
     FigureResult,
     Studies,
     answer,
+    draw_interval,
     draw_level,
     in_thousands,
     maze,
     stacked,
-    whiskers,
 )
 from curricle.show import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
 from curricle.statistics import Curve, Interval, mean_interval, paired_difference
@@ -173,8 +173,7 @@ def _draw_starts(panel: Axes, hunts: Hunts, excess: Mapping[str, float]) -> None
     names = AGGREGATES[::-1]
     for y, name in enumerate(names):
         start = mean_interval(hunts[5, name].greedy_return[:, 0])
-        style: dict[str, Any] = {"fmt": "o", "ms": 5, "capsize": 2, "color": COLOURS["sky"]}
-        panel.errorbar(start.estimate, y, xerr=whiskers(start), **style)
+        draw_interval(panel, y, start, COLOURS["sky"], across=True)
         words = f"values {excess[name]:+.0%} above Q*, in mean |V*|"
         panel.annotate(words, (0.03, y + 0.2), xycoords=("axes fraction", "data"), fontsize=7.5)
     panel.set(yticks=range(len(names)), yticklabels=names, ylim=(-0.5, len(names) - 0.1))
@@ -185,13 +184,7 @@ def _draw_controls(panel: Axes, controls: Comparison) -> None:
     names = list(controls.contrasts)[::-1]
     for y, name in enumerate(names):
         gain, control = controls.contrasts[name].strong_gain, name != TESTED
-        style: dict[str, Any] = {
-            "fmt": "o",
-            "ms": 5,
-            "capsize": 2,
-            "color": COLOURS["grey" if control else "blue"],
-        }
-        panel.errorbar(gain.estimate, y, xerr=whiskers(gain), **style)
+        draw_interval(panel, y, gain, COLOURS["grey" if control else "blue"], across=True)
     panel.axvline(0, color=COLOURS["grey"], lw=0.8)
     labels = [name.replace(f"{TESTED},", "control:") for name in names]
     panel.set(yticks=range(len(names)), yticklabels=labels, title="5x5: does it pay?")

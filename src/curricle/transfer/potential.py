@@ -60,10 +60,7 @@ def combined_potential(
             f"{LARGEST_INDEX:,} pairs, as any other function takes arrays of them: got "
             f"{getattr(function, '__name__', repr(function))} and {pairs:,} pairs"
         )
-    phis = [
-        edge.mapping.read(q, edge.scale, edge.shift)
-        for edge, q in zip(transfers, source_values, strict=True)
-    ]
+    phis = [edge.potential(q) for edge, q in zip(transfers, source_values, strict=True)]
     return StateActionPotential(task, aggregate(function, np.stack(phis), unknown_value))
 
 
