@@ -259,11 +259,6 @@ class ShapedTask:
 
     # The values on which a policy acts, with proven bounds; the classes of shapings call these.
 
-    @property
-    def terminal(self) -> BoolArray:
-        """Which states are terminal, (S,) bool."""
-        return self.reachable.mdp.terminal
-
     def rewarded(self, reward: RewardFunction, off: FloatArray) -> ShapedValues:
         """Return Q* for rewards r + F(s, a, s'); by theory Q* - off, off (S,)."""
         return self.with_rewards(self.reachable.reward(reward), off[self.reachable.states])
