@@ -47,9 +47,7 @@ def tables(**changes):
     return replace(LINE.mdp, **changes)
 
 
-HUGE = Space([Component(f"c{i}", 10) for i in range(30)])
 WIDE = Pursuit(size=10, predators=6)
-ORIGIN = dict.fromkeys(HUGE.names, 0)
 TASKS = [
     (lambda: dense([[[0, 0.9]], [[0, 1]]]), "sum to 1: state 0, action 0 sums to 0.9"),
     (lambda: dense([[[0, NAN]], [[0, 1]]]), "sum to 1: state 0, action 0 .*nan"),
@@ -111,7 +109,11 @@ TASKS = [
     (lambda: Component("a", 2, labels=(1, 2)), "label .* must be text"),
     (lambda: Space(["a"]), "components must be a list of Component"),
     (lambda: Space([Component("a", 2)], np.zeros((0, 1), int)), "S at least 1"),
-    (lambda: HUGE.encode(**ORIGIN), r"fewer than 2\^63: this one has 2\^100"),
+    (
+        lambda: Space([Component(f"c{i}", 10) for i in range(30)]),
+        r"fewer than 2\^63 points: c0, c1, c2, c3, c4, c5 and 24 more make 2\^99.7",
+    ),
+    (lambda: Pursuit(100, predators=12), r"size 100 and 12 predators make 2\^172.7"),
     (WIDE.states.decode, "all points of a space must fit half of the machine's"),
     (lambda: WIDE.terminal, "a flag for each state of a pursuit must fit half"),
     (lambda: cr.GridWorld("S.T", ends=5), "ends must be names of objects: got 5"),

@@ -11,7 +11,7 @@ import numpy as np
 from curricle.arrays import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.pictures.layout import layout_of
+from curricle.pictures.layout import MOST_STATES, layout_of
 from curricle.tasks.layout import LETTERS, GridLayout
 from curricle.tasks.live import is_live, reset_state
 from curricle.tasks.mdp import generative_model, has_tables, tables
@@ -72,8 +72,10 @@ class GridView:
 
     @classmethod
     def for_replay(cls, task: object) -> "GridView | None":
-        """Return a view with markers, to replay training in; None where it has too many cells."""
+        """Return a view with markers, to replay training in; None where that is too large."""
         space = generative_model(task).states
+        if space.size > MOST_STATES:  # no tables of them are kept, so that nothing is replayed
+            return None
         read = {component.name: labelled_cells(component) for component in space.components}
         labelled = {name: cells for name, cells in read.items() if cells is not None}
         if labelled and not _says_where(task):

@@ -1,5 +1,6 @@
 """Predator pursuit on a grid (paper, F4; E7): predators chase a prey; all move at once."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
-from curricle.checks import check_memory
+from curricle.checks import BEYOND_64_BITS, check_memory
 from curricle.errors import TaskError
 from curricle.tasks.domain import Discount, Domain, TimeLimit, family_of, numbered_names
 from curricle.tasks.family import ComponentsByName, FamilyMember, Rule
@@ -81,6 +82,12 @@ class Pursuit(Domain):
     time_limit: TimeLimit = 200
 
     def _check(self) -> None:
+        states = self.cells ** (1 + self.predators)
+        if states >= BEYOND_64_BITS:
+            raise TaskError(
+                "a pursuit must have fewer than 2^63 states, size^(2 + 2 predators): size "
+                f"{self.size} and {self.predators} predators make 2^{math.log2(states):.1f}"
+            )
         capture: Any = self.capture
         number = isinstance(capture, int) and capture is not True and 1 <= capture <= self.predators
         if not number and not (isinstance(capture, str) and capture in get_args(Named)):

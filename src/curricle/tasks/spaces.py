@@ -146,6 +146,12 @@ class Space(Frozen):
         if not names or len(set(names)) != len(names):
             raise TaskError(f"components need different names, at least one: got {names}")
         if self.points is None:
+            if self.size >= BEYOND_64_BITS:  # points have numbers, which loops hold in 64 bits
+                more = f" and {len(names) - 6} more" * (len(names) > 6)
+                raise TaskError(
+                    f"a space must have fewer than 2^63 points: {', '.join(names[:6])}{more} make "
+                    f"2^{math.log2(self.size):.1f}"
+                )
             return
         points = whole(self.points, "points")
         if points.ndim != 2 or points.shape[1] != len(names) or not len(points):
@@ -200,16 +206,7 @@ class Space(Frozen):
         return math.prod(self.shape) if self.points is None else len(self.points)
 
     def __len__(self) -> int:
-        self._check_numbered()
         return self.size
-
-    def _check_numbered(self) -> None:
-        """Raise TaskError if points have numbers that do not fit 64 bits."""
-        if self.size >= BEYOND_64_BITS:
-            raise TaskError(
-                "points can be numbered in spaces of fewer than 2^63: this one has "
-                f"2^{math.log2(self.size):.0f}"
-            )
 
     def component(self, name: str) -> Component:
         """Return the component called `name`; TaskError lists the valid names otherwise."""
@@ -220,7 +217,6 @@ class Space(Frozen):
 
     def decode(self, index: npt.ArrayLike | None = None) -> Decoded:
         """Return the int64 values of each component at the points `index`, or at all of them."""
-        self._check_numbered()
         if index is None:
             check_memory("all points of a space", 8 * self.size * len(self.names), TaskError)
         numbers = np.arange(self.size) if index is None else whole(index, "points' numbers")
@@ -239,7 +235,6 @@ class Space(Frozen):
 
         Values are int arrays, which broadcast together.
         """
-        self._check_numbered()
         if set(values) != set(self.names):
             raise TaskError(
                 f"encode needs exactly the components {', '.join(self.names)}: got "
