@@ -6,8 +6,8 @@ from importlib import metadata
 
 import pytest
 
-from curricle.cli.output import units_left
-from curricle.errors import ConfigError
+from curricle.cli.output import print_results, units_left
+from curricle.errors import ConfigError, StoreError
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.arms import Arms, arms_from_json
 from curricle.study.results import DECISIONS, RESULTS
@@ -241,3 +241,27 @@ def test_a_dry_run_tells_the_same_and_changes_nothing(copy, contents):
     ]
     assert contents(copy) == before
     assert again(copy) == ([SHORT, OWN], sorted(lines[:2]))
+
+
+def test_another_study_is_not_resumed_into_a_folder(copy):
+    file = copy / "own.toml"
+    file.write_text(STUDY.replace('"own"', '"other"', 1))
+    run_study(read_study(file), copy / "out", resume=True, workers=1)  # the same, renamed
+    held = {path: path.read_bytes() for path in (copy / "out").rglob("*") if path.is_file()}
+    file.write_text(STUDY.replace("S......T", "S.....T").replace("long", "field"))
+    why = "holds units of 'other', none of which 'own' can use; choose another folder"
+    with pytest.raises(StoreError, match=why):
+        run_study(read_study(file, set=["learner.learning_rate=0.3"]), copy / "out", resume=True)
+    assert all(path.read_bytes() == content for path, content in held.items())
+
+
+def test_fewer_seeds_with_other_settings_are_told_how_to_finish(copy, capsys):
+    changed = read_study(copy / "own.toml", set=["seeds=1", "learner.learning_rate=0.3"])
+    told = []
+    results = run_study(changed, copy / "out", resume=True, workers=1, report=told.append)
+    stale = [line for line in told if "is stale" in line]
+    assert stale
+    assert all("seed 0, is stale and trained again" in line for line in stale)
+    assert (results.seeds, results.record.seeds) == ((0,), (0, 1))
+    print_results(results, None, None)
+    assert "--resume --seeds 0-1" in " ".join(capsys.readouterr().out.split())

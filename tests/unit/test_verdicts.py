@@ -54,6 +54,23 @@ def test_seeds_to_come_withhold_every_verdict():
     assert rows[1]["strong_gain"] == whole.rows()[1]["strong_gain"]
 
 
+def test_seeds_that_are_added_after_a_look_cost_a_correction():
+    arms = {"scratch": column(0, 20), "mine": column(2, 20)}
+    once, again = compared(**arms), replace(compared(**arms), looks=(5, 8, 12, 20))
+    p = once.verdicts["mine"].adjusted_p
+    assert again.earlier == [8, 12]  # five seeds allowed no verdict
+    assert (
+        again.verdicts["mine"].adjusted_p
+        == pytest.approx(3 * p, rel=0.5)
+        == 3 * again.verdicts["mine"].p
+    )
+    assert "verdicts with 8 and 12 seeds could be seen: p values are multiplied by 3" in str(again)
+    assert "looks" not in str(once)
+    few = verdicts_of({"a": column(2), "b": column(0)}, {"a": ["b"]}, looks=[6, 7])["a"]
+    assert few.needed == 7
+    assert few.adjusted_p == 3 * few.p
+
+
 @settings(max_examples=200)
 @given(st.data())
 def test_no_difference_is_shown_beside_an_interval_that_holds_0(data):

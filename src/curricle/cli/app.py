@@ -266,7 +266,7 @@ def run(
 
     Results do not depend on the number of workers, on shards, or on how often the run was stopped.
     """
-    from curricle.cli.output import too_few, units_left
+    from curricle.cli.output import seeds_left, too_few, units_left
     from curricle.cli.progress_bars import run_with_bars
     from curricle.study.arms import Arms
 
@@ -297,6 +297,8 @@ def run(
         on=on,
         page=show_page,
     )
+    if part == (1, 1) and (lacking := seeds_left(results)):
+        echo(f"curricle: {len(results.seeds)} seeds finished in every arm{lacking}", err=True)
     report = f", curricle report {quote(folder)}" * results.has_baseline
     echo(f"Stored in {folder}: curricle show {quote(folder)}{report}")
 

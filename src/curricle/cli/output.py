@@ -12,7 +12,7 @@ from curricle.arrays import FloatArray
 from curricle.checks import one_of
 from curricle.comparison.cost import Cost, costs, examining_seconds
 from curricle.comparison.forecasting import forecast
-from curricle.comparison.plan import Memory, numbered_seeds
+from curricle.comparison.plan import Memory, numbered_seeds, seed_ranges
 from curricle.comparison.sentences import EXPLAINED
 from curricle.comparison.trial import hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
@@ -148,7 +148,8 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     record = results.record
     arms = "every arm" + " that has not failed" * bool(results.failed)
     total = counted(len(record.seeds), "seed")
-    print_text(f"{record.name}: {len(results.seeds)} of {total} finished in {arms}")
+    done = f"{len(results.seeds)} of {total} finished in {arms}"
+    print_text(f"{record.name}: {done}{seeds_left(results)}")
     if yet_to_tune := tuning_words(results.store):
         print_text(yet_to_tune)
     if record.chosen:
@@ -187,6 +188,15 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     else:
         for name, error in results.failed.items():
             print_text(f"{name} failed: {error}")
+
+
+def seeds_left(results: StudyResults) -> str:
+    """Return how to finish a folder that lacks seeds in some arm; empty if it lacks none."""
+    seeds, done = results.record.seeds, len(results.seeds)
+    if done == len(seeds):
+        return ""
+    whole = seed_ranges(seeds).replace("+", ",")
+    return f"; run with --resume --seeds {whole} for the rest, or fewer seeds into another folder"
 
 
 def decision_lines(
@@ -332,7 +342,7 @@ def units_left(study: StudyConfig, path: str | Place, shard: tuple[int, int]) ->
         )
     done: Finished = {}
     if holds_study(place_at(path)):
-        done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
+        done, remarks = usable_units(StudyStore(path), arms, study.seeds, remove_damaged=False)
         yield from remarks
     missing = units_of(study, arms, done, shard)
     for unit in missing:

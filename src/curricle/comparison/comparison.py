@@ -59,6 +59,8 @@ class Comparison(MeasuredArms):
         Error of each arm that could not be trained.
     interim : str
         Text that says that seeds of the plan are missing; then there are no verdicts and p-values.
+    looks : tuple of int
+        Numbers of seeds with which the plan was run before seeds were added.
     """
 
     def rows(self) -> list[dict[str, Any]]:

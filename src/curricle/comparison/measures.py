@@ -15,7 +15,13 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import one_of
 from curricle.comparison.controls import ALONE, PLACEBO, UNRELATED
-from curricle.comparison.verdicts import Reason, Verdict, difference, verdicts_of
+from curricle.comparison.verdicts import (
+    Reason,
+    Verdict,
+    difference,
+    earlier_looks,
+    verdicts_of,
+)
 from curricle.curriculum.curriculum import Node
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
@@ -266,6 +272,7 @@ class MeasuredArms:
     window: int
     failed: Mapping[str, Exception] = field(default_factory=dict)
     interim: str = ""
+    looks: tuple[int, ...] = ()
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -362,7 +369,12 @@ class MeasuredArms:
 
     def _verdicts(self, questions: Mapping[str, tuple[str, ...]]) -> dict[str, Verdict]:
         asked = {name: rivals for name, rivals in questions.items() if rivals}
-        return verdicts_of(self.returns, asked, interim=self.interim)
+        return verdicts_of(self.returns, asked, interim=self.interim, looks=self.looks)
+
+    @property
+    def earlier(self) -> list[int]:
+        """The numbers of seeds of earlier verdicts, for which p-values are corrected."""
+        return earlier_looks(self.looks, max(1, len(self.controls)), self.seeds)
 
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
@@ -450,8 +462,8 @@ class MeasuredArms:
         rival = self.best_opponent(name)
         arm, scratch = self[name], self[rival]
         of_arm, of_rival = self.returns[name], self.returns[rival]
-        alone = self._verdicts({name: self.opponents(name)})[name]
         verdict, reason = self.verdicts.get(name), self.reasons.get(name)
+        alone = verdict or self._verdicts({name: self.opponents(name)})[name]
         weak, base = self._weak(name), self._weak(rival)
         strong, whole = arm.charged(self.scratch), scratch.curve
         saved = partial(steps_saved, threshold=self._level, window=self.window)

@@ -262,7 +262,7 @@ def title(arms: MeasuredArms) -> str:
 
 def lines_below(arms: MeasuredArms) -> list[str]:
     """Return what stands below the table: what was not learnt, controls, and clusters of seeds."""
-    lines = [nothing_learnt(arms), _other_opponents(arms)]
+    lines = [nothing_learnt(arms), _looks(arms), _other_opponents(arms)]
     lines += [cluster_sentence(arms, name) for name in arms.shown]
     lines += [
         _gains_more(name, verdict, "controls") for name, verdict in arms.control_verdicts.items()
@@ -285,6 +285,17 @@ def nothing_learnt(arms: MeasuredArms) -> str:
     return (
         f"no arm reaches the threshold of {arms.threshold:.4g} in any seed, so that the gains "
         f"are between arms that did not learn: all may need a larger budget{lower}"
+    )
+
+
+def _looks(arms: MeasuredArms) -> str:
+    """Return a sentence on verdicts before seeds were added; empty if there were none."""
+    if not arms.earlier or arms.interim:
+        return ""
+    numbers = " and ".join(map(str, arms.earlier))
+    return (
+        f"seeds were added after verdicts with {numbers} seeds could be seen: "
+        f"p values are multiplied by {len(arms.earlier) + 1}, the number of looks"
     )
 
 
@@ -367,7 +378,10 @@ def _test(arms: MeasuredArms) -> str:
     """Return which test gives p values, and how they are adjusted."""
     n = len(arms.verdicts)
     adjusted = f", adjusted for {n} curricula by Holm's rule" * (n > 1)
-    return f"a sign-flip test of the paired differences{adjusted}"
+    looks = f", multiplied by {len(arms.earlier) + 1} for looks with fewer seeds" * bool(
+        arms.earlier
+    )
+    return f"a sign-flip test of the paired differences{adjusted}{looks}"
 
 
 @dataclass(frozen=True)

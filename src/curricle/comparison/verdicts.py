@@ -22,7 +22,7 @@ from curricle.arrays import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING
-from curricle.statistics.hypothesis_tests import holm, sign_flip_test, smallest_p
+from curricle.statistics.hypothesis_tests import holm, sign_flip_tests, smallest_p
 from curricle.statistics.intervals import Interval, mean_interval, vector
 from curricle.text import brief_repr, printed
 from curricle.transfer.transfer import FOUND
@@ -47,7 +47,7 @@ class Verdict:
         Number of rivals, n.
     p, adjusted_p : float
         Two-sided p-value of no difference (:func:`verdicts_of`); and the same corrected for the
-        number of questions in the family (Holm).
+        number of questions in the family (Holm) and of looks.
     seeds, needed : int
         Seeds K, and the fewest with which there can be a verdict.
     interim : str
@@ -96,7 +96,11 @@ class Verdict:
 
 
 def verdicts_of(
-    returns: Mapping[str, npt.ArrayLike], rivals: Mapping[str, Sequence[str]], *, interim: str = ""
+    returns: Mapping[str, npt.ArrayLike],
+    rivals: Mapping[str, Sequence[str]],
+    *,
+    interim: str = "",
+    looks: Sequence[int] = (),
 ) -> dict[str, Verdict]:
     """Return for each arm in `rivals` whether it gains more than all of its rivals.
 
@@ -116,6 +120,9 @@ def verdicts_of(
         The questions: arms, each with at least one rival. Holm corrects for their number.
     interim : str
         Text that says that seeds are missing; then there is no verdict, and p-values are NaN.
+    looks : sequence of int
+        Numbers of seeds with which verdicts could be seen before seeds were added. Adjusted
+        p-values are multiplied by the number of looks, this one included (Bonferroni).
 
     Returns
     -------
@@ -153,10 +160,11 @@ def verdicts_of(
         name: np.stack([difference(arrays[name], arrays[rival]) for rival in of_name])
         for name, of_name in rivals.items()
     }
-    draws = _draws(sum(map(len, apart.values())))
-    p = [math.nan if interim else _p_value(rows, draws) for rows in apart.values()]
-    adjusted_p = p if interim else holm(p).tolist()
-    needed, verdicts = seeds_needed(len(apart)), {}
+    times = 1 + len(earlier_looks(looks, len(apart), arrays[next(iter(apart))].size))
+    draws = _draws(times * sum(map(len, apart.values())))
+    p = [math.nan] * len(apart) if interim else _p_values([*apart.values()], draws)
+    adjusted_p = p if interim else np.minimum(times * holm(p), 1.0).tolist()
+    needed, verdicts = seeds_needed(times * len(apart)), {}
     for (name, rows), p_value, adjusted in zip(apart.items(), p, adjusted_p, strict=True):
         n, seeds = rows.shape
         strongest = rivals[name][int(rows.mean(axis=1).argmin())]
@@ -183,6 +191,12 @@ def seeds_needed(questions: int = 1) -> int:
     return seeds
 
 
+def earlier_looks(looks: Sequence[int], questions: int, seeds: int) -> list[int]:
+    """Return the numbers of seeds, below the present one, with which there was a verdict."""
+    fewest = seeds_needed(questions)
+    return [number for number in looks if fewest <= number < seeds]
+
+
 def too_few_seeds(seeds: int, needed: int) -> str:
     """Return the text that there are too few seeds for a verdict; empty if there are enough."""
     return f"too few seeds for a verdict ({seeds}; {needed} or more)" if seeds < needed else ""
@@ -200,10 +214,21 @@ def _draws(tests: int) -> int:
     return max(DRAWS, DRAWS_A_TEST * tests)
 
 
-def _p_value(differences: FloatArray, draws: int) -> float:
-    """Return the p of an arm's differences from n rivals (n, K), as in :func:`verdicts_of`."""
-    p = _of_all(differences, [sign_flip_test(row, resamples=draws) for row in differences])
-    gain = _smallest_gain(differences)
+def _p_values(apart: Sequence[FloatArray], draws: int) -> list[float]:
+    """Return the p of each arm's differences from n rivals (n, K), as in :func:`verdicts_of`."""
+    p_values = [math.nan] * len(apart)
+    for seeds in {rows.shape[1] for rows in apart}:  # arms with as many seeds share their signs
+        alike = [k for k, rows in enumerate(apart) if rows.shape[1] == seeds]
+        of_rivals = sign_flip_tests(np.concatenate([apart[k] for k in alike]), resamples=draws)
+        ends = np.cumsum([len(apart[k]) for k in alike])
+        for k, of_arm in zip(alike, np.split(of_rivals, ends), strict=False):
+            p_values[k] = _p_value(apart[k], of_arm)
+    return p_values
+
+
+def _p_value(differences: FloatArray, p_values: FloatArray) -> float:
+    """Return the p of an arm's differences from its rivals, by flips and by Student's tests."""
+    p, gain = _of_all(differences, p_values), _smallest_gain(differences)
     if p >= SIGNIFICANT or not gain.low <= 0 <= gain.high:
         return p
     k = differences.shape[1]
@@ -223,8 +248,8 @@ def _of_all(differences: FloatArray, p_values: npt.ArrayLike) -> float:
 def _smallest_gain(differences: FloatArray) -> Interval:
     """Return the interval of the smallest of n true differences, from the differences (n, K)."""
     means, levels = differences.mean(axis=1), [1 - SIGNIFICANT / n for n in (1, len(differences))]
-    below, above = ([mean_interval(row, confidence=c) for row in differences] for c in levels)
-    bounds = np.array([[a.low for a in below], [b.high for b in above]])
+    below, above = (mean_interval(differences.T, confidence=level) for level in levels)
+    bounds = np.array([below.low, above.high])
     if not np.isnan(bounds).all():  # a difference without a spread, beside others, is its mean
         bounds = np.where(np.isnan(bounds), means, bounds)
     low, high = bounds.min(axis=1).tolist()

@@ -27,6 +27,7 @@ from curricle.statistics.intervals import (
 
 EXACT = 14  # seeds up to which all 2^K sign vectors are counted, at most 16,384
 AT_ONCE = 4_000_000  # random signs drawn at once, 64 MB: those of 20,000 seeds would take 3 GB
+SUMS_AT_ONCE = 500_000  # sums under random signs at once, 4 MB, so that they stay in the cache
 
 
 def performance_profile(
@@ -123,21 +124,46 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
     >>> sign_flip_test([1.0, 2.0, 3.0, 1.5, 2.5, 0.5])
     0.03125
     """
-    array = vector("differences", differences)
-    check_each("differences must be finite", np.isfinite(array), array, "seed")
+    row = vector("differences", differences)
+    return float(sign_flip_tests(row[np.newaxis], resamples=resamples, seed=seed)[0])
+
+
+def sign_flip_tests(
+    differences: FloatArray, *, resamples: int = 10_000, seed: int = 0
+) -> FloatArray:
+    """Return :func:`sign_flip_test` of each of n rows of differences, (n, K) -> (n,) float64.
+
+    All rows have the same random signs, which are drawn once.
+    """
     draws = whole_number("resamples", resamples, 1, SettingError)
-    total = np.abs(array).sum()
-    if array.size == 1 or total == 0:
-        return 1.0
-    least = abs(array.sum()) - ROUNDING * total
-    if array.size <= EXACT:
-        return float((np.abs(_all_signs(array.size) @ array) >= least).mean())
-    rng, rows = np.random.default_rng(seed), max(1, AT_ONCE // array.size)
-    as_far = 0
-    for drawn in range(0, draws, rows):
-        signs = 2.0 * rng.integers(2, size=(min(rows, draws - drawn), array.size)) - 1.0
-        as_far += int((np.abs(signs @ array) >= least).sum())
-    return (1 + as_far) / (1 + draws)
+    for row in differences:
+        check_each("differences must be finite", np.isfinite(row), row, "seed")
+    n, seeds = differences.shape
+    totals = np.abs(differences).sum(axis=1)
+    least = np.abs(differences.sum(axis=1)) - ROUNDING * totals
+    if seeds == 1:
+        return np.ones(n)
+    if seeds <= EXACT:
+        as_far = _as_far(_all_signs(seeds), differences, least)
+        p_values = as_far / len(_all_signs(seeds))
+    else:
+        rng, rows = np.random.default_rng(seed), max(1, AT_ONCE // seeds)
+        as_far = np.zeros(n)
+        for drawn in range(0, draws, rows):
+            size = min(rows, draws - drawn), seeds
+            signs = np.asarray(2.0 * rng.integers(2, size=size) - 1.0, np.float64)
+            as_far += _as_far(signs, differences, least)
+        p_values = (1 + as_far) / (1 + draws)
+    return np.where(totals == 0, 1.0, p_values)
+
+
+def _as_far(signs: FloatArray, differences: FloatArray, least: FloatArray) -> FloatArray:
+    """Return how many sums of each row of differences (n, K), under signs, are `least` from 0."""
+    as_far, rows = np.zeros(len(differences)), max(1, SUMS_AT_ONCE // len(differences))
+    for first in range(0, len(signs), rows):
+        sums = signs[first : first + rows] @ differences.T
+        as_far += np.count_nonzero(np.abs(sums, out=sums) >= least, axis=0)
+    return as_far
 
 
 @lru_cache(maxsize=EXACT)

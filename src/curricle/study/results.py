@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import one_of
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.measures import Arm
+from curricle.comparison.measures import STATED, Arm
 from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
@@ -356,6 +356,15 @@ class StudyResults:
         """The records of all runs so far."""
         return self.store.record(RUNS, RunsRecord).runs
 
+    @property
+    def looks(self) -> tuple[int, ...]:
+        """The numbers of seeds that runs so far have planned, each with those of runs before it."""
+        planned, numbers = set[int](), dict[int, None]()
+        for run in self.runs:
+            planned |= {*run.seeds} & {*self.record.seeds}
+            numbers[len(planned)] = None
+        return tuple(numbers)
+
     def initial_values(self, arm: str) -> FloatArray | None:
         """Return the initial Q of each seed, (K,); None unless the arm is a constant."""
         return self._of_seeds(arm, self.record.target, "initial_values")
@@ -474,7 +483,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
     reference = first.reference.after(arms[SCRATCH].curve)
-    return Comparison(first.target, arms, budget, total, reference, window, failed, interim)
+    looks = max((study.looks for study in studies), key=len)
+    return Comparison(first.target, arms, budget, total, reference, window, failed, interim, looks)
 
 
 def _shared_total(studies: Sequence[StudyResults]) -> int:
@@ -533,6 +543,15 @@ def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
     if different := summary_differences(first.problem, other.problem):
         raise CurriculumError(
             f"studies must share their target: those of {pair} differ in {'; '.join(different)}"
+        )
+    stated, also_stated = (
+        record.reference.threshold if record.reference.threshold_from == STATED else None
+        for record in (first, other)
+    )
+    if stated != also_stated:
+        raise CurriculumError(
+            f"studies must share their target's threshold: {pair} have {stated} and "
+            f"{also_stated}; state one in both files, and resume"
         )
     for which in ("evaluation", "learner", "eval_freq"):
         value, other_value = (

@@ -160,9 +160,9 @@ def shown_units(
 
 
 def usable_units(
-    store: StudyStore, arms: Arms, *, remove_damaged: bool
+    store: StudyStore, arms: Arms, seeds: Sequence[int], *, remove_damaged: bool
 ) -> tuple[Finished, list[str]]:
-    """Return the usable units, and sentences about damaged files and stale units."""
+    """Return the usable units, and sentences about damaged files and stale units of `seeds`."""
     # Stale units stay in the folder: they are used again when their dependencies are as before.
     damaged = store.damaged_units()
     remarks = [f"{file} is damaged: its units are trained again" for file in damaged]
@@ -176,9 +176,10 @@ def usable_units(
     stale = replaced_keys(depends, done)
     for key in (key for key in places if key in stale):
         units = done[stale[key]]
-        label = f"{': '.join(places[key])}, {numbered_seeds(sorted(units))}"
         why = "; ".join(changes_of(units, depends[key]))
-        remarks.append(f"{label}, is stale and trained again: {why}")
+        label = ": ".join(places[key])
+        if again := sorted(units.keys() & {*seeds}):
+            remarks.append(f"{label}, {numbered_seeds(again)}, is stale and trained again: {why}")
     return done, remarks
 
 
@@ -417,7 +418,7 @@ def _begun(
     store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]
 ) -> Finished:
     """Record the run in its folder, and return the stored units that the run uses."""
-    done, remarks = usable_units(store, arms, remove_damaged=True)
+    done, remarks = usable_units(store, arms, study.seeds, remove_damaged=True)
     runs = store.record(RUNS, RunsRecord).runs
     versions = {name: metadata.version(name) for name in LIBRARIES}
     for name in OPTIONAL:

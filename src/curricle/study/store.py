@@ -76,6 +76,12 @@ def differences(
             yield from differences(first.get(key), second.get(key), place)
 
 
+def keys_of(description: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the keys of the units of a description's plan."""
+    for arm in description["plan"]["arms"].values():
+        yield from (node["key"] for node in arm["nodes"].values())
+
+
 def shown(value: object) -> str:
     """Return a value as text for a sentence, shortened if it is long."""
     text = json.dumps(value)
@@ -480,6 +486,13 @@ class StudyStore:
         description, before = dict(description), self.description
         if "configuration" in before and "configuration" in description:
             stored, wanted = before["configuration"], dict(description["configuration"])
+            held = {unit.key for unit in self.units()}
+            if held and stored["name"] != wanted["name"] and not held & {*keys_of(description)}:
+                raise StoreError(
+                    f"another study cannot go on in a folder: {self.path} holds units of "
+                    f"{stored['name']!r}, none of which {wanted['name']!r} can use; choose another "
+                    "folder"
+                )
             if self.listed and stored.get("snapshots") != wanted["snapshots"]:
                 raise StoreError(
                     f"snapshots are kept while a unit is trained: {self.path} holds units with "
