@@ -10,7 +10,13 @@ import curricle as cr
 from curricle import Curriculum, Episodes, FiniteMDP, GreedyEvaluation, GridWorld
 from curricle.comparison import Comparison, Reference
 from curricle.comparison.measures import MEASURES
-from curricle.comparison.sentences import cluster_sentence, findings, nothing_learnt
+from curricle.comparison.sentences import (
+    cluster_sentence,
+    findings,
+    headline,
+    lines_below,
+    nothing_learnt,
+)
 from curricle.comparison.trial import Trial
 from curricle.errors import CurriculumError, SettingError
 from curricle.planning import Target, target as target_module
@@ -133,6 +139,40 @@ def test_an_arm_that_is_not_shown_reaches_the_threshold_too():
     comparison = replace(comparison, arms=arms | {"A, constant mean": hidden})
     assert "A, constant mean" not in comparison.shown
     assert not nothing_learnt(comparison)
+
+
+def test_where_no_arm_is_above_random_play_there_is_neither_a_threshold_nor_a_gain():
+    rng = np.random.default_rng(0)
+    low, lower = (rng.normal(height, 0.1, (8, 9)) for height in (1.0, 0.95))
+    reference = Reference(0.5, random_return=1.0, random_noise=0.1)
+    nobody = replace(comparison_of(scratch=lower, mine=low), reference=reference)
+    assert str(nobody).splitlines()[0].endswith("threshold -")
+    assert lines_below(nobody)[0].startswith("nobody learnt: no arm is above random play (1) by")
+    assert not nobody.times("mine").reached.any()
+    (row,) = [row for row in nobody.rows() if row["arm"] == "mine"]
+    assert row["verdict"] == nobody.verdicts["mine"].answer == "nobody learnt"
+    numbers = ("strong_gain", "weak_gain", "steps_to_threshold", "p", "strong_steps_saved")
+    assert np.isnan([row[name] for name in numbers]).all()
+    assert headline(nobody).startswith("Nobody learnt: no arm is above random play")
+    assert [finding.tone for finding in findings(nobody)] == ["open"]
+    one_seed = np.where(np.arange(8)[:, None] == 5, 9.0, low)  # one of eight learnt
+    for learnt in (low + 0.5, one_seed):
+        some = replace(nobody, arms={**nobody.arms, "mine": arm_of(learnt)})
+        assert some.nobody == ""
+        assert np.isfinite(some.contrasts["mine"].strong_gain.estimate)
+
+
+@pytest.mark.parametrize("threshold", [None, 0.0])
+def test_random_play_is_measured_where_the_target_is_not_solved(threshold):
+    names = ("cart", "speed", "pole", "turn")
+    bins = cr.interop.Bins({name: [-1.0, 0.0, 1.0] for name in names})
+    live = cr.from_gymnasium("CartPole-v1", discount=1.0, encode=bins)
+    node = cr.Curriculum({"cart": live}, budget=100, eval_freq=50).node("cart")
+    reference = Reference.before(node, threshold)
+    assert 15 < reference.random_return < 30
+    assert 0 < reference.random_noise < 15
+    exact = Reference.before(corner().node("maze"), None)
+    assert (exact.random_noise, exact.random_return < exact.optimum) == (0.0, True)
 
 
 def test_where_the_random_policy_is_optimal_up_to_rounding_there_is_nothing_to_learn():

@@ -5,6 +5,7 @@ same random stream in the target.
 """
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
@@ -25,7 +26,7 @@ from curricle.comparison.verdicts import (
 from curricle.curriculum.curriculum import Node
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
-from curricle.planning.target import Target, possible_returns
+from curricle.planning.target import BATCHES, STANDARD_ERRORS, Target, possible_returns
 from curricle.statistics.curves import (
     ROUNDING,
     SCRATCH,
@@ -43,7 +44,7 @@ from curricle.statistics.curves import (
 from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import Interval, extremes, mean_interval
 from curricle.text import brief_repr
-from curricle.transfer.rollouts import ObservationTarget, target_of
+from curricle.transfer.rollouts import ObservationTarget, random_play, target_of
 
 FRACTION = 0.9  # of the way from the random policy's return to the optimum: the default threshold
 # The sources of a threshold:
@@ -62,8 +63,10 @@ class Reference:
     threshold_from : str
         The source of the threshold, as text.
     random_return, optimum : float or None
-        Returns of the uniformly random and of an optimal policy. None where the target cannot be
-        solved, or is not solved because the threshold was stated.
+        Returns of the uniformly random and of an optimal policy. The optimum is None where the
+        target cannot be solved, or is not solved because the threshold was stated.
+    random_noise : float
+        Standard deviation of an evaluation of the random policy; 0 where evaluations are exact.
     possible : (float, float) or None
         Lowest and highest return of an episode, within which intervals of mean returns end; None
         where the tables do not tell, and then the extremes of the curves stand in.
@@ -82,6 +85,7 @@ class Reference:
     random_return: float | None = None
     optimum: float | None = None
     possible: tuple[float, float] | None = None
+    random_noise: float = 0.0
 
     @classmethod
     def of(cls, target: Target | ObservationTarget, stated: float | None = None) -> Self:
@@ -100,9 +104,14 @@ class Reference:
     def before(cls, node: Node, stated: float | None) -> Self:
         """Return :meth:`of` a task, which is not solved where the threshold is stated."""
         possible = possible_returns(node.task, node.evaluation.discount(node.task))
-        if stated is not None:
-            return cls(stated, STATED, possible=possible)
-        return replace(cls.of(target_of(node.task, node.evaluation)), possible=possible)
+        if stated is None:
+            target = target_of(node.task, node.evaluation)
+            if target.solution is not None:
+                return replace(cls.of(target), possible=possible)
+        random = random_play(node.task, node.evaluation)
+        reference = cls(stated, MIDPOINT if stated is None else STATED, possible=possible)
+        one_evaluation = random.noise * math.sqrt(BATCHES)
+        return replace(reference, random_return=random.value, random_noise=one_evaluation)
 
     @property
     def nothing_to_learn(self) -> bool:
@@ -280,14 +289,32 @@ class MeasuredArms:
 
     @property
     def threshold(self) -> float:
-        """The return that counts as learnt."""
+        """The return that counts as learnt; NaN where nobody learnt."""
         assert self.reference.threshold is not None, "scratch is trained before it is compared"
-        return self.reference.threshold
+        return NAN if self.nobody else self.reference.threshold
+
+    @cached_property
+    def nobody(self) -> str:
+        """The text that nobody learnt; empty if an arm is above random play, or that is unknown.
+
+        An arm is above it if its mean return, or its return in the end, averaged over K seeds, is
+        so by more than two standard errors of random play in K and in `BATCHES` evaluations.
+        """
+        random, noise = self.reference.random_return, self.reference.random_noise
+        best = self.reference.optimum
+        # Random play may be the best where returns are judged by another discount than learnt.
+        if random is None or (best is not None and best <= random + ROUNDING * abs(random)):
+            return ""
+        margin = STANDARD_ERRORS * noise * math.sqrt(1 / BATCHES + 1 / self.seeds)
+        level = random + margin + ROUNDING * abs(random)
+        ends = (asymptotic_performance(arm.charged(self.scratch)) for arm in self.arms.values())
+        heights = [float(returns.mean()) for returns in (*self.returns.values(), *ends)]
+        return "nobody learnt" * all(height <= level for height in heights)
 
     @property
     def threshold_from(self) -> str:
-        """The source of the threshold, as text."""
-        return self.reference.threshold_from
+        """The source of the threshold, as text; empty where nobody learnt."""
+        return "" if self.nobody else self.reference.threshold_from
 
     @property
     def scratch(self) -> Arm:
@@ -369,7 +396,8 @@ class MeasuredArms:
 
     def _verdicts(self, questions: Mapping[str, tuple[str, ...]]) -> dict[str, Verdict]:
         asked = {name: rivals for name, rivals in questions.items() if rivals}
-        return verdicts_of(self.returns, asked, interim=self.interim, looks=self.looks)
+        withheld = self.interim or self.nobody
+        return verdicts_of(self.returns, asked, interim=withheld, looks=self.looks)
 
     @property
     def earlier(self) -> list[int]:
@@ -384,7 +412,8 @@ class MeasuredArms:
     @property
     def withheld(self) -> str:
         """Why there are no verdicts, as text; empty if there are verdicts."""
-        return next((verdict.withheld for verdict in self.verdicts.values()), self.interim)
+        nothing = self.interim or self.nobody
+        return next((verdict.withheld for verdict in self.verdicts.values()), nothing)
 
     @cached_property
     def control_verdicts(self) -> dict[str, Verdict]:
@@ -421,6 +450,8 @@ class MeasuredArms:
     @property
     def _level(self) -> float:
         """The threshold, or a value just above the threshold if scratch starts there."""
+        if self.nobody:
+            return sys.float_info.max
         start = float(self.scratch.curve.filled()[:, 0].mean())
         margin = ROUNDING * max(abs(self.threshold), abs(start))
         if not abs(start - self.threshold) <= margin:
@@ -444,8 +475,12 @@ class MeasuredArms:
 
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
-        """Each arm against its best opponent."""
-        return {name: self._contrast(name) for name in self.arms if name not in self.scratches}
+        """Each arm against its best opponent; without gains where nobody learnt."""
+        arms = [name for name in self.arms if name not in self.scratches]
+        if self.nobody:
+            of_verdict = {name: verdict.against_scratch for name, verdict in self.verdicts.items()}
+            return {name: replace(NO_CONTRAST, verdict=of_verdict.get(name, "")) for name in arms}
+        return {name: self._contrast(name) for name in arms}
 
     def _weak(self, name: str) -> Curve:
         """Return an arm's curve over the target's budget, without its source steps."""

@@ -80,6 +80,8 @@ def _saved(key: str, arms: MeasuredArms, row: Row) -> str:
 
 
 def _time(key: str, arms: MeasuredArms, row: Row) -> str:
+    if np.isnan(arms.threshold):
+        return "-"
     missed = row["seeds"] - row["reached"]
     return f"> {row[key]:,.0f} ({missed} never)" if missed else _steps(key, arms, row)
 
@@ -165,7 +167,7 @@ def table_rows(arms: MeasuredArms) -> list[dict[str, Any]]:
         times, contrast = arms.times(name), arms.contrasts.get(name, NO_CONTRAST)
         over, by_knowledge = arms.control_verdicts.get(name), arms.knowledge_verdicts.get(name)
         intervals = {
-            "steps_to_threshold": times.restricted_mean(),
+            "steps_to_threshold": UNKNOWN if arms.nobody else times.restricted_mean(),
             **{key: column.of(arms, name) for key, column in COLUMNS.items() if column.of},
             **{measure: getattr(contrast, measure) for measure in MEASURES},
             "gain_over_controls": UNKNOWN if over is None else over.gain,
@@ -213,7 +215,7 @@ def _verdict(arms: MeasuredArms, row: Row) -> str:
     if name in arms.contrasts:
         verdict = row["verdict"] + (f" (p = {sure})" if sure else "")
         return f"{verdict}, {row['reason']}" if row["reason"] else verdict
-    if name not in arms.best_opponents or len(arms.scratches) == 1:
+    if name not in arms.best_opponents or len(arms.scratches) == 1 or arms.nobody:
         return ""
     over = [arm for arm in arms.controls if arms.best_opponent(arm) == name]
     of = "" if len(over) == len(arms.controls) else f" of {', '.join(over)}"
@@ -277,7 +279,13 @@ def lines_below(arms: MeasuredArms) -> list[str]:
 
 
 def nothing_learnt(arms: MeasuredArms) -> str:
-    """Return a sentence on a threshold that no arm reaches in any seed; empty if an arm does."""
+    """Return a sentence on arms that did not learn; empty if one reaches the threshold."""
+    if arms.nobody:
+        return (
+            f"{arms.nobody}: no arm is above random play ({arms.reference.random_return:.4g}) by "
+            "more than noise, so that there is no threshold and no gain; all need a larger budget, "
+            "a learner that explores more, or an easier target"
+        )
     reached = any(arms.times(name).reached.any() for name in arms.arms)
     if np.isnan(arms.threshold) or reached or arms.reference.nothing_to_learn:
         return ""
@@ -399,11 +407,13 @@ class Finding:
 def headline(arms: MeasuredArms) -> str:
     """Return sentences on which curricula paid, or why there is no verdict."""
     warning = nothing_learnt(arms)
-    return _paid(arms) + (warning and f" {_sentence(warning)}")
+    return " ".join(filter(None, (_paid(arms), warning and _sentence(warning))))
 
 
 def _paid(arms: MeasuredArms) -> str:
     verdicts = arms.verdicts
+    if arms.nobody and not arms.interim:
+        return ""
     if arms.withheld:
         return _sentence(arms.withheld)
     paid = [name for name, verdict in verdicts.items() if verdict.direction > 0]
@@ -464,6 +474,9 @@ def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding
     contrast, sure = arms.contrasts[name], _p("adjusted_p", arms, row)
     tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
     of_p = f" (p\xa0=\xa0{sure})" if sure else ""
+    if arms.nobody:
+        lines = [_sentence(f"{arms.nobody}, so that there is no gain")]
+        return Finding(name, arms[name].control, tone, "", tuple(lines), contrast.strong_gain)
     lines = [
         f"{signed(contrast.strong_gain)} mean return over all {arms.total:,} steps, its "
         f"{row['source_steps']:,.0f} source steps counted{of_p}.",
@@ -517,6 +530,8 @@ def in_brief(interval: Interval) -> str:
 def steps_and_gain(arms: MeasuredArms, name: str) -> str:
     """Return a sentence on an arm's steps to the threshold, its best opponent's, and its gain."""
     gained = f"gain in mean return {in_brief(arms.contrasts[name].strong_gain)}"
+    if arms.nobody:
+        return nothing_learnt(arms)
     if arms.reference.nothing_to_learn:
         return f"nothing to learn, as the random policy is optimal; {gained}"
     best = arms.best_opponent(name)

@@ -124,15 +124,16 @@ class Target:
             best, worst = self.optimum, self.random_return
             equal = math.isclose(best, worst, rel_tol=ROUNDING)
             return -math.inf if equal else self.level(NOT_LEARNT)
-        return self._random.value + STANDARD_ERRORS * self._random.noise
+        return self.random.value + STANDARD_ERRORS * self.random.noise
 
     @property
     def floor_steps(self) -> int:
         """The steps of the rollouts that :attr:`floor` rests on; 0 where it follows from tables."""
-        return 0 if self.solution is not None else self._random.steps
+        return 0 if self.solution is not None else self.random.steps
 
     @cached_property
-    def _random(self) -> Estimated:
+    def random(self) -> Estimated:
+        """The return of the random policy, its standard error, and the steps of its rollouts."""
         return self.estimated(self._no_values)
 
     def estimated(self, view: object) -> Estimated:

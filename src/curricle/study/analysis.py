@@ -55,16 +55,25 @@ Item = TypeVar("Item")
 # -- The record of a study before it is run: plain data of its tasks and curricula -----------------
 
 
-def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
-    """Return the record of a study, before it is run."""
+def study_record(study: StudyConfig, arms: Arms, solved: Sequence[StudyRecord] = ()) -> StudyRecord:
+    """Return the record of a study, before it is run.
+
+    The target is solved, unless it is that of one of the records `solved`.
+    """
     curricula = curricula_record(arms.arms)
+    problem = task_summary(arms.target_node.task)
     reference = Reference(study.threshold, STATED)
     if arms.total is not None and SCRATCH in arms.curricula:
-        reference = Reference.before(arms.target_node, study.threshold)
+        evaluated = curricula.arms[SCRATCH].nodes[arms.target].settings["evaluation"]
+        same = (
+            record.reference
+            for record in solved
+            if record.problem == problem and record.evaluated == evaluated
+        )
+        reference = next(same, None) or Reference.before(arms.target_node, study.threshold)
     fields = {name: getattr(study, name) for name in OF_CONFIGURATION}
     fields["variants"] = study.variants or {}
     fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
-    problem = task_summary(arms.target_node.task)
     return StudyRecord(**dict(curricula), problem=problem, reference=reference, **fields)
 
 

@@ -280,6 +280,12 @@ class StudyRecord(CurriculaRecord):
         return self.model_dump(mode="json", exclude={*OF_CONFIGURATION})
 
     @property
+    def evaluated(self) -> str:
+        """How the target is evaluated, as text; empty if it is not learnt from scratch."""
+        node = self.arms[SCRATCH].nodes[self.target] if SCRATCH in self.arms else None
+        return "" if node is None or self.total is None else node.settings["evaluation"]
+
+    @property
     def keys(self) -> dict[tuple[str, str], str]:
         """The key of each task of each arm."""
         return {

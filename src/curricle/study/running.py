@@ -287,13 +287,13 @@ def run_study(
         ending.enter_context(lost_errors())
         training = Training(store, places, ending.enter_context(shown_units(progress)), report)
         if trials:
-            about, _ = described(trials, Arms.of(trials))
+            about, of_trials = described(trials, Arms.of(trials), record)
             opened = StudyStore.opened(store.path / folder, about, resume=resume, check=False)
             with opened as trials_store:
-                tried = partial(replace(training, store=trials_store).tried, trials)
+                tried = partial(replace(training, store=trials_store).tried, trials, of_trials)
                 study = settled(study, trials, tried)
             arms = Arms.of(study)
-            about, record = described(study, arms)
+            about, record = described(study, arms, of_trials)
             store.describe(about)
         tracking = Trackers(trackers, report)
         beside = (
@@ -376,20 +376,30 @@ class Training:
         return failures
 
     def tried(
-        self, trials: StudyConfig, part: Arms, seeds: Sequence[int], words: str
+        self,
+        trials: StudyConfig,
+        of_trials: StudyRecord,
+        part: Arms,
+        seeds: Sequence[int],
+        words: str,
     ) -> StudyResults:
         """Train some arms of a study of trials on further seeds, and return their results."""
         study, arms = trials.varied(seeds=list(seeds)), Arms.of(trials)
-        about, record = described(study, part)
+        about, record = described(study, part, of_trials)
         self.store.describe(about)
         if failures := self.run(study, arms, record, part=part, words=words):
             raise failure_error(failures)
         return StudyResults(self.store, record)
 
 
-def described(study: StudyConfig, arms: Arms) -> tuple[dict[str, Any], StudyRecord]:
-    """Return the description of a study, on which its results depend, and its record."""
-    record, version = study_record(study, arms), metadata.version("curricle")
+def described(
+    study: StudyConfig, arms: Arms, *solved: StudyRecord
+) -> tuple[dict[str, Any], StudyRecord]:
+    """Return the description of a study, on which its results depend, and its record.
+
+    Its target is not solved again if it is that of one of the records `solved`.
+    """
+    record, version = study_record(study, arms, solved), metadata.version("curricle")
     about = {"curricle": version, "configuration": study.data, "code": arms.code}
     return {**about, "plan": record.plan}, record
 

@@ -19,7 +19,7 @@ from curricle.errors import SettingError
 from curricle.learning.potential import PairPotential
 from curricle.planning.greedy import Values
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
-from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
+from curricle.planning.target import BATCHES, ROLLOUTS, STANDARD_ERRORS, Estimated, Target
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.mdp import (
     Task,
@@ -157,15 +157,21 @@ class ObservationTarget:
         return float(self._random_returns.mean())
 
     @property
+    def random(self) -> Estimated:
+        """The return of the random policy, its standard error, and the steps of its rollouts."""
+        noise = self._random_returns.std(ddof=1) / np.sqrt(self.episodes)
+        steps = sum(len(episode.rewards) for episode in self._random)
+        return Estimated(self.random_return, float(noise), steps)
+
+    @property
     def floor(self) -> float:
         """The random policy's return plus its noise; higher returns show learning."""
-        noise = self._random_returns.std(ddof=1) / np.sqrt(self.episodes)
-        return self.random_return + STANDARD_ERRORS * float(noise)
+        return self.random_return + STANDARD_ERRORS * self.random.noise
 
     @property
     def floor_steps(self) -> int:
         """The steps of the rollouts that :attr:`floor` rests on."""
-        return sum(len(episode.rewards) for episode in self._random)
+        return self.random.steps
 
     @property
     def episodes(self) -> int:
@@ -195,6 +201,14 @@ def target_of(
     number = OBSERVATION_ROLLOUTS if episodes is None else episodes
     evaluation = replace(evaluation or GreedyEvaluation(), method="rollouts", episodes=number)
     return ObservationTarget(task, evaluation)
+
+
+def random_play(task: Task | ObservationTask, evaluation: GreedyEvaluation) -> Estimated:
+    """Return what the random policy returns in `BATCHES` evaluations by rollouts, and its noise."""
+    part = replace(evaluation, method="rollouts", episodes=BATCHES * evaluation.rollouts(task))
+    if isinstance(task, ObservationTask):
+        return ObservationTarget(task, part).random
+    return Target(task, part, None).random
 
 
 # -- the return of a potential's own policy --------------------------------------------------------
