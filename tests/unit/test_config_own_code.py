@@ -154,6 +154,31 @@ def test_a_module_is_named_before_it_runs(tmp_path):
     assert lines.count("RUNS") == 1
 
 
+def test_the_module_of_an_id_obeys_the_rule_of_functions(read, tmp_path, monkeypatch):
+    (tmp_path / "worlds.py").write_text(
+        "import gymnasium as gym\nfrom gymnasium.envs.toy_text import FrozenLakeEnv\n"
+        "gym.register('Beside-v0', entry_point=FrozenLakeEnv)\n"
+    )
+
+    def task(name):
+        return only(read(f"name = 'x'\ntasks.it = {{ type = 'gymnasium', id = '{name}' }}"))
+
+    assert task("worlds:Beside-v0").tasks["it"].states.size == 16
+    for module, why in (("antigravity", "Python's own library"), ("pandas", "CURRICLE_ALLOW=pand")):
+        with pytest.raises(ConfigError, match=why):
+            task(f"{module}:Any-v0")
+    assert "antigravity" not in sys.modules
+    with pytest.raises(ConfigError, match="nowhere is neither beside the study file nor on"):
+        task("nowhere:Any-v0")
+    with pytest.raises(ConfigError, match="an id with a module must be module:Name-v0"):
+        task("../x:Any-v0")
+    monkeypatch.setenv("CURRICLE_ALLOW", "pandas")
+    with pytest.raises(ConfigError, match="'pandas:Any-v0' failed with NameNotFound"):
+        task("pandas:Any-v0")
+    with pytest.raises(ConfigError, match="observations must be discrete"):  # it was imported
+        task("minigrid:MiniGrid-Empty-5x5-v0")
+
+
 # -- Gymnasium's classes and functions of the user's own ----------------------------------------
 
 OWN_ROOM = """

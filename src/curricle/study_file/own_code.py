@@ -32,7 +32,12 @@ from curricle.files import digest_of
 # the user allows, so that a stranger's study file cannot run code that the user did not choose.
 
 ALLOW = "CURRICLE_ALLOW"  # environment variable: the installed packages that study files may name
-SAFE = {"curricle.deep", "torch.nn", "torch.optim"}  # always allowed: they run no commands
+SAFE = {
+    "curricle.deep",
+    "minigrid",
+    "torch.nn",
+    "torch.optim",
+}  # always allowed: they run no commands
 IMPORTED = dict[str, tuple[int, int] | None]()  # module -> time and size of its file
 PACKAGES = "curricle_study_"  # prefix of the packages that hold studies' modules
 LOGGER = logging.getLogger(__name__)  # names each module before it is imported
@@ -43,13 +48,7 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
     module_name, colon, name = reference.partition(":")
     if not colon or not all(part.isidentifier() for part in (*module_name.split("."), name)):
         raise ConfigError(f"a function must be named as module:function: got {reference!r}")
-    with users_code(reference):
-        module = _module(module_name, folder)
-    if module is None:
-        raise ConfigError(
-            f"{reference} names no module: {module_name} is neither beside the study file nor on "
-            "Python's path"
-        )
+    module = _named(reference, module_name, folder)
     function = getattr(module, name, None)
     if not callable(function):
         public = {key: of for key, of in vars(module).items() if key[0] != "_" and callable(of)}
@@ -61,6 +60,33 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
             f"{reference} names no function: {module_name} has no {name} to call{hint}"
         )
     return function  # type: ignore[no-any-return]
+
+
+def registered(name: str, folder: Path) -> str:
+    """Return an id of Gymnasium's registry, ``module:Name-v0``, whose module is imported.
+
+    The module is imported by the rules of :func:`load`; the id of one beside the study file is
+    returned without it, as Gymnasium would not find it. ConfigError where they refuse it.
+    """
+    module_name, colon, environment = name.rpartition(":")
+    if not colon:
+        return name
+    if not all(part.isidentifier() for part in module_name.split(".")):
+        raise ConfigError(f"an id with a module must be module:Name-v0: got {name!r}")
+    module = _named(name, module_name, folder)
+    return environment if module.__name__.startswith(PACKAGES) else name
+
+
+def _named(reference: str, name: str, folder: Path) -> ModuleType:
+    """Return the module that a reference names; ConfigError if there is none."""
+    with users_code(reference):
+        module = _module(name, folder)
+    if module is None:
+        raise ConfigError(
+            f"{reference} names no module: {name} is neither beside the study file nor on Python's "
+            "path"
+        )
+    return module
 
 
 def suggestion(word: object, words: Iterable[str]) -> str:

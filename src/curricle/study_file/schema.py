@@ -468,6 +468,11 @@ class _DeepLearnerTable(ObjectTable):
             algorithm = load(arguments["algorithm"], folder)
             arguments["algorithm"] = f"{algorithm.__module__}:{algorithm.__qualname__}"
         settings = table(_loaded(arguments["settings"], folder))
+        if settings.get("tensorboard_log") is not None:
+            raise ConfigError(
+                "a study writes into its results alone, and settings.tensorboard_log names "
+                f"{settings['tensorboard_log']!r}: leave it out, and follow a run by a tracker"
+            )
         # The algorithms take tuples, such as train_freq, where TOML has lists.
         arguments["settings"] = {
             name: tuple(value) if isinstance(value, list) else value

@@ -25,7 +25,7 @@ from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.states import DeepCopy
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import solve, visit_distribution
-from curricle.study_file.own_code import load, suggestion, users_code
+from curricle.study_file.own_code import load, registered, suggestion, users_code
 from curricle.study_file.schema import (
     SHAPINGS,
     AnyEncoder,
@@ -200,7 +200,8 @@ class Maker(Table):
         encode: object = None,
     ) -> Made:
         """Return the task that the library's function `make` makes of the environment."""
-        reference, of = str(self.id or self.factory), built(self.id or self.factory, folder)
+        reference = str(self.id or self.factory)
+        of = registered(self.id, folder) if self.id else built(self.factory, folder)
         maker = EnvironmentMaker(of, dict(self.arguments), built(encode, folder))
         with users_code(reference):
             try:
