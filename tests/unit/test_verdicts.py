@@ -336,6 +336,16 @@ def test_a_placebo_or_a_constant_alone_does_not_tell_knowledge_from_optimism(con
     assert "Not known" not in str(controlled(10.0, 3.0, placebo=3.0))
 
 
+def test_a_network_pays_by_what_it_knows_if_it_gains_more_than_its_placebo():
+    table = controlled(10.0, None, placebo=3.0)
+    network = replace(table["mean"], network=True)
+    comparison = replace(table, arms={**table.arms, "mean": network})
+    assert comparison.contrasts["mean"].answer == "pays, by what it knows"
+    assert "Not known" not in str(comparison)
+    alone = replace(comparison, arms={name: comparison[name] for name in ("scratch", "mean")})
+    assert alone.reasons["mean"].why == "not known"
+
+
 def test_other_controls_do_not_decide_but_a_placebo_outside_the_portfolio_does():
     """A source that is the target itself knows the task."""
     with_pretraining, with_placebo = (

@@ -279,5 +279,9 @@ def _arm(
     )
     knows_target = curriculum.knows_target(plan.target)
     return replace(
-        learnt, scratch=planned.scratch, curriculum=planned.of, knows_target=knows_target
+        learnt,
+        scratch=planned.scratch,
+        curriculum=planned.of,
+        knows_target=knows_target,
+        network=curriculum.node(plan.target).deep,
     )

@@ -145,6 +145,8 @@ class Arm:
         For each source, the seeds that did not learn its task by its stopping rule.
     knows_target : bool
         Whether a search found a mapping of its curriculum in the target's model.
+    network : bool
+        Whether a network learns the target, which has no constant to start at.
 
     Examples
     --------
@@ -160,6 +162,7 @@ class Arm:
     initial_values: FloatArray | None = field(default=None, repr=False)
     unlearnt: Mapping[str, BoolArray] = field(default_factory=dict, repr=False)
     knows_target: bool = False
+    network: bool = False
 
     __repr__ = brief_repr
 
@@ -373,14 +376,17 @@ class MeasuredArms:
 
     @cached_property
     def know_nothing(self) -> dict[str, tuple[str, ...]]:
-        """The placebos and constants of each curriculum; none if either kind is missing."""
+        """The placebos and constants of each curriculum; none if either kind is missing.
+
+        A network starts at no level of values, so that its placebo alone is asked.
+        """
         # Both kinds are needed: random values are learnt from more slowly than a single value.
         know_nothing: dict[str, tuple[str, ...]] = {}
         for name, controls in self.controls.items():
             labels = (f"{name}, {label}" for label in (PLACEBO, ALONE))
             placebos = [label for label in labels if label in controls]
             constants = [rival for rival in self.scratches if self.arms[rival].curriculum == name]
-            asked = placebos and constants
+            asked = placebos and (constants or self.arms[name].network)
             know_nothing[name] = (*placebos, *constants) if asked else ()
         return know_nothing
 

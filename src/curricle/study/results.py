@@ -595,5 +595,9 @@ def _arm(
         },
     )
     return replace(
-        learnt, scratch=arm.scratch, curriculum=curriculum, knows_target=arm.knows_target
+        learnt,
+        scratch=arm.scratch,
+        curriculum=curriculum,
+        knows_target=arm.knows_target,
+        network=record.task(name, record.target).actions == 0,
     )

@@ -32,12 +32,8 @@ from curricle.files import digest_of
 # the user allows, so that a stranger's study file cannot run code that the user did not choose.
 
 ALLOW = "CURRICLE_ALLOW"  # environment variable: the installed packages that study files may name
-SAFE = {
-    "curricle.deep",
-    "minigrid",
-    "torch.nn",
-    "torch.optim",
-}  # always allowed: they run no commands
+# Always allowed, as they run no commands:
+SAFE = {"curricle.deep", "minigrid", "torch.nn", "torch.optim"}
 IMPORTED = dict[str, tuple[int, int] | None]()  # module -> time and size of its file
 PACKAGES = "curricle_study_"  # prefix of the packages that hold studies' modules
 LOGGER = logging.getLogger(__name__)  # names each module before it is imported

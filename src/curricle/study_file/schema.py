@@ -55,6 +55,7 @@ from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, cor
 
 from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, unfit_name
 from curricle.deep.learner import DeepLearner, PolicyReuse, WeightTransfer
+from curricle.errors import ConfigError
 from curricle.interop.encoders import MiniGridFullView, MiniGridView
 from curricle.learning.learners import LEARNERS_BY_NAME
 from curricle.learning.schedules import Schedule, exponential, harmonic, linear
