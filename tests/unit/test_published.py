@@ -86,24 +86,6 @@ def test_the_mazes_of_silva_and_costa():
     assert read["near"] == 1.0  # the free grid has all cells of the maze
 
 
-def test_values_by_shared_objects():
-    target, source = grids.maze("pits", 2000), grids.maze("six", 2000)
-    (edge,) = read_study(tables.CLAIMS["mapping"]).curricula["average"].transfers
-    values = np.random.default_rng(0).normal(size=(18, 4))
-    values[source.state(2, 4)] = 0.0  # not visited
-    index = edge.mapping.index  # (S, A), source pairs; negative at the target's ends
-    read = np.where(index < 0, np.nan, values.ravel()[index])[None]
-    found = grids.shared(read)
-    # no pit or fire is near, and the source has no state with the treasure at this place
-    assert not found[target.state(1, 0)].any()
-    # too few pits and fires are near: the state of the source with the treasure at this place
-    near, there = target.state(0, 4), source.state(0, 0)
-    np.testing.assert_allclose(found[near], values[there])
-    bias = grids.biased(read)[near]
-    assert bias.argmax() == values[there].argmax()
-    np.testing.assert_allclose(np.sort(bias), values[there].max() + np.array([0, 0, 0, 1]))
-
-
 @pytest.mark.parametrize("name", FEW)
 def test_the_tables(name, tmp_path):
     study = read_study(tables.CLAIMS[name], set=["seeds=8", *FEW[name]])

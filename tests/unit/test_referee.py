@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from benchmarks.referee.__main__ import CHOSEN, DOMAINS, HERE, Judged, interval, with_choice
+from benchmarks.referee.__main__ import DOMAINS, HERE, interval
 from benchmarks.referee.claim import LASTING
 from curricle.statistics.curves import SCRATCH
 from curricle.study.tuning import tuned_study
@@ -65,35 +65,6 @@ def test_the_best_trial_of_development_is_played_on_the_judged_target():
     assert curriculum.tasks["target"] == cr.tasks.KeyLockPit.room(8)
     learner = curriculum.setting("learner", "target")
     assert learner.learning_rate == here["half size, trial 5"].values["learner.learning_rate"]
-
-
-def test_a_choice_is_added_at_the_rate_of_scratch(tmp_path):
-    wins = {"scratch, trial 3"}
-    plain = keys("judged")
-    study = tuned_study(plain, trials_won_by(keys("development"), wins))
-    (tmp_path / "case.json").write_text('{"name": "half size"}')
-    chosen = with_choice(study, plain, tmp_path / "case")
-    rate = study.tuned.arms[SCRATCH].values["learner.learning_rate"]
-    assert chosen.curricula[CHOSEN].setting("learner", "target").learning_rate == rate
-    (tmp_path / "case.json").write_text('{"name": "", "alone": "OptimisticQLearning"}')
-    assert with_choice(study, plain, tmp_path / "case") == study
-    (tmp_path / "case.json").write_text('{"name": "", "alone": "initial_value=-3.5"}')
-    alone = with_choice(study, plain, tmp_path / "case").scratch_curricula()
-    assert [*alone] == [SCRATCH, "scratch, initial_value=-3.5"]
-    learner = alone["scratch, initial_value=-3.5"].setting("learner", "target")
-    assert learner == cr.QLearning(learning_rate=rate, initial_value=-3.5)
-
-
-def test_where_no_curriculum_is_chosen_the_named_learner_plays():
-    study = keys("development").varied(
-        tune=None, variants=None, scratches=None, seeds=[0, 1], opponents=["optimistic"]
-    )
-    played = Judged(cr.compare(study), 2.0, "scratch, OptimisticQLearning", 9.0)
-    returns = played.comparison.returns
-    gain = (returns["scratch, OptimisticQLearning"] - returns[SCRATCH]) / 2
-    assert np.array_equal(played.gain(CHOSEN, SCRATCH), gain)
-    assert not played.pays(CHOSEN)
-    assert played.best("half size") == played.comparison.best_opponent("half size")
 
 
 def test_intervals_are_over_targets_where_they_are_many():
