@@ -9,7 +9,6 @@ import pytest
 
 import curricle as cr
 from curricle.cli.output import print_results
-from curricle.comparison.comparison import compare
 from curricle.comparison.plan import PlannedArm
 from curricle.deep import models
 from curricle.errors import ConfigError
@@ -270,17 +269,6 @@ def test_a_record_says_why_what_is_learnt_depends_on_the_total(learner, changes,
     reason = curricula_record({"transfer": PlannedArm(plan, {})}).arms["transfer"].depends_on_total
     assert reason.startswith(depends)
     assert bool(reason) is bool(depends)
-
-
-def test_a_comparison_of_two_ways_refuses_other_problems():
-    ways = {
-        str(limit): cr.Curriculum(
-            {"hunt": observed(2, time_limit=limit)}, learner=cr.deep.DeepLearner(), budget=300
-        )
-        for limit in (20, 21)
-    }
-    with pytest.raises(cr.errors.CurriculumError, match=r"differ in time_limit \(20 against 21\)"):
-        compare(ways, seeds=2)
 
 
 def test_settings_of_a_tuning_that_no_network_takes_are_refused_beforehand(tmp_path):

@@ -1,6 +1,5 @@
 """Training deep learners: curves, budgets, stopping and shapings."""
 
-import importlib
 import random
 from functools import partial
 from typing import ClassVar
@@ -12,7 +11,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
 from curricle.deep import models
-from curricle.deep.learner import LIBRARIES
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues, acting
 from curricle.tasks.kernel import splitmix64, stream_start
@@ -225,13 +223,6 @@ def test_the_potential_is_added_to_values_learnt_with_state_shaping(observed):
     rows = np.eye(MAZE.states.size, dtype=np.float32)
     bare = cr.deep.NetworkValues(values.policy)
     assert values.v(rows) == pytest.approx(bare.v(rows) + phi.v(rows))
-
-
-def test_algorithms_whose_exploration_falls_are_known_without_importing_them():
-    for library in map(importlib.import_module, LIBRARIES):
-        for name in (name for name in library.__all__ if isinstance(getattr(library, name), type)):
-            learner = cr.deep.DeepLearner(name)
-            assert learner.scheduled == ("exploration_fraction" in learner.takes)
 
 
 def test_a_learners_text_tells_its_settings_apart():

@@ -133,22 +133,12 @@ def test_a_comparison_charges_the_models_once_and_has_a_placebo(charged):
     assert comparison.arms["transfer, placebo"].control
 
 
-def test_equal_members_are_tabulated_once():
-    def lakes(resets):
-        return miniatures(cr.observation_task("FrozenLake-v1", is_slippery=False), resets=resets)
-
-    small, other, more = lakes(6), lakes(6), lakes(7)
-    placebo = replace(small, shuffled=True)
-    assert small.solved[0] is not more.solved[0]
-    assert all(made.solved[0] is small.solved[0] for made in (other, placebo))
-
-
 def test_a_forecast_says_what_holds_on_held_out_levels():
     small = miniatures(room(), resets=40, tested_on=[room(6)])
     foreseen = cr.forecast(plan(PolicyReuse(), small=small), seeds=2, trial=False)
     distilled = foreseen.sources["small"]
     assert distilled.shares.shape == (2, 2)
-    assert 0.5 < distilled.expected <= 1.0 + 1e-9
+    assert 0.5 < distilled.shares[:, -1].mean() <= 1.0 + 1e-9
     assert "held-out levels of " in str(distilled)
     assert "training level" not in str(distilled)
     assert 0 <= foreseen.start.potential <= 1
@@ -303,11 +293,3 @@ def test_what_a_learner_does_not_take_is_said_before_miniatures_are_solved(learn
     with pytest.raises(cr.errors.SettingError):
         plan(WeightTransfer(kl=0.1), learner=learner, small=small).train(1)
     assert "solved" not in vars(small)
-
-
-def test_relatives_for_tests_alone_are_not_solved_in_training():
-    small = miniatures(room(), resets=6, max_states=200, tested_on=[room(5, blind=True)])
-    plan(PolicyReuse(), small=small).train(seeds=1)
-    assert "solved_tests" not in vars(small)
-    (member,) = small.solved
-    assert "Room" in member.table.record.environment

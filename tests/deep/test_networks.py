@@ -2,7 +2,6 @@
 
 from importlib.util import find_spec
 
-import gymnasium as gym
 import numpy as np
 import pytest
 import torch
@@ -112,16 +111,3 @@ def test_what_is_not_plain_is_left_to_torch():
         assert plain_network(policy, values.kind) is None
         said = said_by_torch(policy, values.kind, rows)
         assert values.v(rows) == pytest.approx(said.max(axis=1))
-
-
-def test_pictures_and_dicts_are_left_to_torch():
-    from stable_baselines3 import DQN
-
-    class Looking(gym.Env):
-        observation_space = gym.spaces.Dict({"a": gym.spaces.Box(-1, 1, (2,))})
-        action_space = gym.spaces.Discrete(2)
-
-    policy = DQN("MultiInputPolicy", Looking(), buffer_size=1).policy
-    assert plain_network(policy, "q_net") is None
-    seen = {"a": np.zeros((3, 2), np.float32)}
-    assert NetworkValues(policy).v(seen).shape == (3,)

@@ -13,7 +13,7 @@ from curricle.deep import ways_in
 from curricle.deep.learner import residual_policy
 from curricle.deep.models import model_for
 from curricle.deep.networks import FEW, NetworkValues
-from curricle.deep.ways_in import PotentialCache, ResidualMlpPolicy
+from curricle.deep.ways_in import ResidualMlpPolicy
 from tests.support import hunters
 
 from .worlds import one_hot, random_task, table_potential
@@ -227,28 +227,3 @@ def test_numbered_observations_have_a_residual():
     learner = cr.deep.DeepLearner("DQN", settings={"learning_starts": 8, "batch_size": 8})
     result = cr.deep.learn_deep(task, learner, 40, shaping=cr.QInitialisation(phi), eval_freq=40)
     assert result.greedy_return[0, 0] == 1
-
-
-def test_cached_values_of_phi_are_phi_and_bounded(monkeypatch):
-    rng = np.random.default_rng(3)
-    task = random_task(rng, n_states=50)
-    observed = one_hot(task)
-    table = rng.normal(size=(50, 3))
-    cache, asked = PotentialCache(table_potential(task, observed, table)), []
-    pairs = cr.transfer.ObservationPotential.pairs
-
-    def counted(potential, observations):
-        asked.append(len(observations))
-        return pairs(potential, observations)
-
-    monkeypatch.setattr(cr.transfer.ObservationPotential, "pairs", counted)
-    for _ in range(30):
-        states = rng.integers(49, size=8)
-        seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
-        assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
-    assert sum(asked) == len(cache.places) <= 49
-    monkeypatch.setattr(ways_in, "MAX_BYTES", 0)
-    states[0] = 49  # not cached: then the cache is emptied for it
-    seen = torch.as_tensor(np.eye(50, dtype=np.float32)[states])
-    assert cache.of(seen)[0].numpy() == pytest.approx(table[states].astype(np.float32))
-    assert len(cache.places) == len(set(states.tolist()))

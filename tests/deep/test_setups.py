@@ -57,36 +57,6 @@ def test_a_file_of_the_zoo_is_read_as_it_is():
     assert kwargs == {"log_std_init": -2, "net_arch": {"pi": [8], "vf": [8, 4]}}
 
 
-def test_a_study_file_takes_them_too(tmp_path):
-    (tmp_path / "cart.toml").write_text("""
-name = "cart"
-seeds = 1
-[learner]
-type = "deep"
-algorithm = "PPO"
-[learner.settings]
-n_timesteps = 1e5
-n_envs = 4
-gamma = 0.98
-learning_rate = "lin_0.001"
-normalize = "{'norm_obs': True, 'norm_reward': False}"
-policy_kwargs = "dict(activation_fn=nn.Tanh, net_arch=[16])"
-[tasks.cart]
-type = "observation_task"
-id = "CartPole-v1"
-discount = 0.98
-budget = 1_024
-""")
-    study = cr.read_study(tmp_path / "cart.toml")
-    with pytest.warns(UserWarning, match="leaves out n_timesteps"):
-        (curriculum,) = study.curricula.values()
-    learner = curriculum.node("cart").learner
-    assert learner.envs == 4
-    assert learner.settings["policy_kwargs"] == {"activation_fn": torch.nn.Tanh, "net_arch": [16]}
-    assert learner.normalizes("norm_obs")
-    assert not learner.normalizes("norm_reward")
-
-
 @pytest.mark.parametrize(
     ("said", "settings"),
     [

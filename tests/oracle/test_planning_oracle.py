@@ -109,20 +109,6 @@ def test_so_it_does_at_discount_1(seed):
     assert abs(evaluated.values - expected).max() <= evaluated.error_bound + 1e-9
 
 
-@pytest.mark.parametrize("tolerance", [1.0, 1e-3, 1e-10])
-@pytest.mark.parametrize("seed", range(4))
-def test_error_stays_within_the_reported_bound(seed, tolerance, random_mdp):
-    task = random_mdp(seed, discount=0.9)
-    solution = cr.solve(task, tolerance=tolerance)
-    assert 0 < solution.error_bound <= tolerance
-    expected = optimal_values_by_linear_programming(task)
-    assert abs(solution.values - expected).max() <= solution.error_bound + 2e-9
-    evaluated = cr.evaluate(task, some_policy(task, seed), tolerance=tolerance)
-    assert 0 < evaluated.error_bound <= tolerance
-    expected = values_by_linear_solve(task, some_policy(task, seed))
-    assert abs(evaluated.values - expected).max() <= evaluated.error_bound + 1e-12
-
-
 @pytest.mark.parametrize("task", [proper_task(2), cr.GridWorld(MAZE), cr.Pursuit(3, 2)], ids=repr)
 def test_looking_at_the_progress_changes_no_bit(task, monkeypatch):
     seldom, often = [], []

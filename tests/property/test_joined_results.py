@@ -87,11 +87,3 @@ def test_stopping_rules_end_the_seeds_apart():
     """Or the property above would not join results of different lengths."""
     assert len(set(learnt(SEEDS, "stopping rule", "dense", 0).steps_used.tolist())) > 1
     assert len(set(learnt(SEEDS, "episodes", "dense", 0).steps_used.tolist())) > 1
-
-
-def test_the_order_of_seeds_within_a_group_does_not_matter():
-    parts = [
-        learnt((7, 0), "stopping rule", "dense", 0),
-        learnt((8, 3, 1), "stopping rule", "dense", 0),
-    ]
-    assert_equal(joined_results(parts), learnt(SEEDS, "stopping rule", "dense", 0))

@@ -2,33 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.transfer.aggregate import BUILT_IN, aggregate
-from tests.support.tasks import mdps
-
-
-@settings(max_examples=25)
-@given(mdps((0.75, 0.95)), st.integers(1, 19), st.sampled_from([0.1, 0.5, 1.0]))
-def test_a_source_that_teaches_nothing_never_pays(mdp, share, rate):
-    """Whatever its steps are, and however much worse than random the first greedy policies are."""
-    task = mdp.task(time_limit=6)
-    edge = cr.Transfer("source", "target", cr.transfer.identity(task), scale=0.0)
-    plan = cr.Curriculum(
-        {"source": task, "target": task},
-        [edge],
-        learner=cr.QLearning(learning_rate=rate),
-        budget={"source": cr.StoppingRule(10 * share), "target": 200},
-        shaping={"target": cr.QInitialisation()},
-        eval_freq={"target": 10},
-    )
-    contrast = cr.compare(plan, seeds=7, opponents=(), workers=1).contrasts["transfer"]
-    assert contrast.weak_gain.estimate == 0.0
-    assert contrast.strong_gain.estimate <= 1e-6
-    assert not contrast.verdict.startswith("pays")
-
 
 stacks = arrays(
     np.float64, st.tuples(*(st.integers(1, 4) for _ in range(3))), elements=st.floats(-1e6, 1e6)

@@ -7,8 +7,6 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import NamedTuple
 
-import pytest
-
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
     *["errors", "arrays", "checks", "text", "progress", "files"],
@@ -170,49 +168,3 @@ def test_no_import_cycle():
 
 
 # The rules themselves, on small houses built for the purpose.
-
-
-@pytest.fixture
-def build(tmp_path):
-    def build_package(files: dict[str, str]) -> Path:
-        for name, text in {"__init__.py": "", **files}.items():
-            path = tmp_path / name
-            path.parent.mkdir(exist_ok=True)
-            path.write_text(text, "utf-8")
-        return tmp_path
-
-    return build_package
-
-
-@pytest.mark.parametrize(
-    ("file", "text"),
-    [
-        ("tasks/mdp.py", "from curricle.learning import solve"),
-        ("tasks/mdp.py", "import curricle.study.store"),
-        ("tasks/mdp.py", "from ..learning.kernels import sweep"),
-        ("tasks/mdp.py", "def f():\n    from curricle import learning"),
-        ("tasks/mdp.py", "if TYPE_CHECKING:\n    from curricle.cli import main"),
-        ("tasks/__init__.pyi", "from ..learning import solve"),
-        ("interop/gymnasium.py", "from ..curriculum import Curriculum"),
-        ("study/runner.py", "from curricle import compare"),
-        ("errors.py", "from curricle import tasks"),
-        ("tasks/mdp.py", "import_module('curricle.learning')"),
-        ("tasks/mdp.py", "SHOWN = {'Task': 'curricle.learning'}"),
-        ("errors.py", "from curricle import FiniteMDP"),
-    ],
-)
-def test_upward_import_is_found(build, file, text):
-    package = build({"learning/__init__.py": "", "tasks/__init__.py": "", file: text})
-    assert len(upward_imports(package)) == 1
-
-
-def test_other_breaches_are_found(build):
-    package = build({
-        "tasks/mdp.py": "from .spaces import Space",
-        "tasks/spaces.py": "from curricle.tasks import mdp",
-        "paper/past.py": "from curricle.tasks import A\nfrom curricle.tasks.mdp import A",
-        "paper/private.py": "from curricle.tasks import _a\nfrom curricle.tasks._b import c",
-    })  # fmt: skip
-    assert len(module_imports(package)) == 2
-    assert len(private_imports(package)) == 2
-    assert set(import_cycle(package)) == {"tasks.mdp", "tasks.spaces"}

@@ -8,7 +8,6 @@ import pytest
 
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
-from curricle.certificate.shaped_task import widest
 from curricle.deep import WeightTransfer
 from curricle.errors import PotentialError, SettingError, TaskError
 from curricle.transfer.potential import mapped_potential
@@ -88,11 +87,6 @@ def test_a_reward_of_ones_own_is_not_compared_where_an_episode_can_go_on_for_eve
     phi = ShapingReward(difference(np.array([4.0, 2, 7, 1, 3, 0]), 1.0))
     assert "an episode can go on for ever at discount 1" in str(certify(endless, phi))
     assert certify(endless, phi, method="exact").states == 5
-
-
-def test_the_widest_difference_is_of_equal_keys():
-    keys, values = np.array([[1], [2], [1]]), np.array([5.0, 0.0, 3.0])
-    assert widest(keys, values) == (2.0, 0, 2)
 
 
 FOREIGN = cr.StatePotential(cr.GridWorld("S.T"), [0, 0, 0])

@@ -3,14 +3,10 @@
 import inspect
 import json
 import re
-import subprocess
-import sys
-import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from hypothesis import given, strategies as st
 from pydantic import ValidationError
 
 import curricle as cr
@@ -363,20 +359,6 @@ def test_merging(base, patch, expected):
     assert merged(base, patch) == expected
 
 
-TREES = st.recursive(
-    st.integers(0, 3) | st.lists(st.integers(0, 3)),
-    lambda inner: st.dictionaries(st.sampled_from("abcd"), inner, max_size=3),
-    max_leaves=8,
-)
-TABLES = st.dictionaries(st.sampled_from("abcd"), TREES, max_size=4)
-
-
-@given(TABLES, TABLES)
-def test_merging_twice_is_merging_once_and_nothing_changes_nothing(first, second):
-    assert merged(first, {}) == merged({}, first) == merged(first, first) == first
-    assert merged(merged(first, second), second) == merged(first, second)
-
-
 # Setting things from outside.
 
 
@@ -463,19 +445,3 @@ def test_what_a_template_shows_as_defaults_are_the_defaults(read, kind):
     shown = re.sub(r"(?m)^# (?!threshold|encode|aggregate)([\w.]+ = )", r"\1", template(kind))
     assert shown != template(kind)
     assert read(shown) == read(template(kind))
-
-
-def test_a_mistake_is_told_without_loading_anything_heavy(tmp_path):
-    (tmp_path / "study.toml").write_text(HUNT.replace("predators", "predatrs"))
-    code = """
-        import sys
-        from curricle.errors import ConfigError, SettingError
-        from curricle.study import read_study
-        try:
-            read_study(sys.argv[1])
-        except ConfigError as error:
-            assert "predatrs" in str(error)
-            sys.exit(bool({"pyarrow", "matplotlib", "torch"} & set(sys.modules)))
-    """
-    command = [sys.executable, "-c", textwrap.dedent(code), str(tmp_path / "study.toml")]
-    assert subprocess.run(command, check=False).returncode == 0

@@ -74,15 +74,6 @@ def test_modules_beside_the_file_import_each_other_as_scripts_do(own):
         assert "rules" not in sys.modules
 
 
-def test_an_import_that_fails_is_said_once(tmp_path, caplog):
-    (tmp_path / "broken.py").write_text("import not_there_at_all\n")
-    with caplog.at_level("INFO"):
-        for _ in range(2):
-            with pytest.raises(ConfigError, match="not_there_at_all"):
-                load("broken:line", tmp_path)
-    assert len(caplog.records) == 1
-
-
 def test_functions_are_found_beside_the_file(read, own):
     own(".", 8)
     before = list(sys.path)

@@ -30,14 +30,6 @@ SCRATCH = curve([0, 1, 2, 3, 4], [0, 0, 0, 0, 4])
 HELPED = curve([2, 3, 4, 4, 4], [2, 2, 2, 2, 2], source=[150, 200])
 
 
-def test_source_steps_are_one_number_or_one_a_seed():
-    made = Curve(np.array([5, 7], dtype=np.int32), np.ones((3, 2), dtype=np.float32))
-    assert (made.steps.dtype, made.values.dtype) == (np.int64, np.float64)
-    assert made.source_steps.dtype == np.int64
-    assert made.source_steps.tolist() == [0, 0, 0]
-    assert curve([1, 2], [3, 4], steps=[0, 1], source=7).source_steps.tolist() == [7, 7]
-
-
 @pytest.mark.parametrize(
     ("steps", "values", "source", "message"),
     [
@@ -62,12 +54,6 @@ def test_midpoint_is_taken_on_the_smoothed_mean_over_seeds():
     assert midpoint(made) == 4.0
     assert midpoint(made, window=2) == 2.0  # 0 4 4 1 4
     assert midpoint(curve([NAN, 2, 4], [0, 0, 0], steps=[0, 1, 2])) == 1.5
-
-
-def test_fraction_of_optimum():
-    assert fraction_of_optimum(10.0, 0.0, 0.9) == pytest.approx(9.0)
-    assert fraction_of_optimum(-1.0, -11.0, 0.5) == -6.0
-    assert fraction_of_optimum(-1.1773, -2500.0, 1) == -1.1773
 
 
 def test_time_is_the_first_checkpoint_at_or_above_the_threshold():

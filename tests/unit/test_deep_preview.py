@@ -6,7 +6,6 @@ import sys
 import textwrap
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -126,17 +125,6 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
     assert said.endswith("1"), done.stderr
     assert done.stderr.endswith('pip install "curricle[deep]"\n')
     assert not (tmp_path / "study-results").exists()
-
-
-def test_random_play_draws_from_the_space_alone():
-    from curricle.transfer.rollouts import random_episodes
-
-    car = cr.observation_task("MountainCarContinuous-v0", time_limit=5)
-    state = gymnasium.make("CartPole-v1").action_space.sample()
-    first, other = (random_episodes(car, episodes=2, seed=3) for _ in range(2))
-    assert np.array_equal(first[0].rewards, other[0].rewards)
-    assert not np.array_equal(first[0].rewards, first[1].rewards)
-    assert state in (0, 1)
 
 
 def test_mappings_and_values_of_observations_that_make_no_sense_are_refused(plan):

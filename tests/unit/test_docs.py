@@ -5,7 +5,6 @@ import itertools
 import os
 import re
 import shlex
-import subprocess
 import sys
 import tomllib
 from dataclasses import replace
@@ -73,103 +72,6 @@ def test_pictures_are_small(picture):
 
 
 # -- a small site, built by the extension -------------------------------------------------------
-
-STUB = "from .rules import LIMIT as LIMIT, Told as Told, told as told\n"
-FACADE = "from tiny.rules import LIMIT, Told, told\n__all__ = ['LIMIT', 'Told', 'told']\n"
-RULES = '''
-from dataclasses import dataclass
-from typing import Callable
-
-LIMIT = 3
-"""Most that :func:`told` takes: three."""
-
-
-def told():
-    """See :class:`Told`, :meth:`Told.half`, :attr:`Told.many`, :data:`LIMIT`."""
-
-
-@dataclass
-class Told:
-    """What :func:`tiny.rules.told` made.
-
-    Attributes
-    ----------
-    many : int
-        As its :meth:`half` says.
-    """
-
-    many: int
-    way: Callable = told
-
-    @property
-    def half(self):
-        """Less: half as :attr:`many`."""
-'''
-PAGE = """
-Tiny
-====
-.. currentmodule:: tiny
-.. autodata:: LIMIT
-.. autoclass:: Told
-   :members:
-.. autofunction:: told
-"""
-CONF = """
-import sys
-sys.path[:0] = [{docs!r}, {here!r}]
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "reference"]
-napoleon_use_param, napoleon_custom_sections = False, [("Attributes", "params_style")]
-autodoc_typehints, reference_packages, nitpicky = "none", ["tiny"], True
-"""
-
-
-@pytest.fixture
-def build(tmp_path):
-    """Return a function that builds the site of a package, and returns how that ended."""
-    pytest.importorskip("sphinx", reason="the extra docs is not installed")
-
-    def run(page=PAGE, rules=RULES):
-        files = {
-            "conf.py": CONF.format(docs=str(DOCS), here=str(tmp_path)),
-            "index.rst": f"{page}\n.. toctree::\n\n   prose\n",
-            "prose.md": "# Prose\n\nIt says `tiny.py`, `told(...)`, `Told.half` and `Told.none`.\n",
-            "tiny/__init__.py": FACADE,
-            "tiny/__init__.pyi": STUB,
-            "tiny/rules.py": rules,
-        }
-        for name, text in files.items():
-            (tmp_path / name).parent.mkdir(exist_ok=True)
-            (tmp_path / name).write_text(text, "utf-8")
-        return subprocess.run(
-            [sys.executable, "-m", "sphinx", "-qWE", tmp_path, tmp_path / "site"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-
-    return run
-
-
-def test_a_build_fails_where_public_names_are_missing_or_say_nothing(build):
-    ended = build(
-        page=PAGE.replace(".. autodata:: LIMIT\n", ""), rules=re.sub('"""See .*"""', "None", RULES)
-    )
-    assert ended.returncode != 0
-    assert "tiny.LIMIT is public, and missing from the" in ended.stderr
-    assert "tiny.told is public, and has no docstring" in ended.stderr
-
-
-def test_names_lead_to_the_reference(build, tmp_path):
-    ended = build()
-    assert (ended.returncode, ended.stderr) == (0, "")
-    page, prose = ((tmp_path / "site" / f"{name}.html").read_text() for name in ("index", "prose"))
-    assert "Less: half as" in page
-    assert "takes: three" in page
-    assert "integer" not in page  # what int says of itself
-    assert "tiny.Told.way" not in page  # a default is no method
-    assert page.count('href="#tiny.Told"') >= 3
-    assert re.findall(r'href="index.html#([\w.]+)"', prose) == ["tiny.told", "tiny.Told.half"]
-
 
 ROOT = Path(__file__).parents[2]
 USAGE_ERROR = typer.BadParameter.__base__  # Click's, which Typer may bring along as its own

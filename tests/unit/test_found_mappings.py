@@ -21,9 +21,8 @@ from curricle.transfer import (
     score_mapping,
 )
 from curricle.transfer.bisimulation import levels, model_for_refinement, refined
-from curricle.transfer.mapping import Coverage
 from curricle.transfer.search import EXPECTILE, fitted_constant
-from curricle.transfer.transfer import mappings_digest, numbered, transfer_words
+from curricle.transfer.transfer import transfer_words
 from tests.support.refusals import check_refusal
 from tests.support.studies import CORNER
 from tests.support.tasks import mdps, ring
@@ -206,19 +205,6 @@ def test_states_that_behave_alike_are_one_block():
     blocks = refined([room])[0].states.reshape(3, 3)  # corners, sides, and the end
     np.testing.assert_array_equal(blocks, [[2, 1, 2], [1, 0, 1], [2, 1, 2]])
     assert levels(np.array([0.1 + 0.2, 0.3, 5.0]), 5.0).tolist() == [0, 0, 1]
-
-
-def test_mappings_in_words_and_digests():
-    near = StateActionMapping(LINE, LINE, identity(LINE).index, how="nearest pair")
-    assert near.description == "found: nearest pair"
-    chase = cr.project(cr.Pursuit(3, 2), cr.Pursuit(3, 1), predator="predator_2")
-    assert chase.description == "predator is predator_2, prey by name"
-    assert numbered(["a", "b", "a"]) == ["a [1]", "b", "a [2]"]
-    mappings = identity(LINE), cr.same_position(LINE, LINE)
-    assert len({mappings_digest([Transfer("a", "b", mapping)]) for mapping in mappings}) == 1
-    covered = str(Coverage(200, 0.75, 0.0, 0.25, outside=0.5))
-    assert covered.startswith("75.0% of the pairs of 200 observations mapped, 0.0% at the source's")
-    assert covered.endswith("25.0% unmapped; 50.0% of the counterparts outside the source's space")
 
 
 def test_a_transfer_without_a_mapping_gets_the_best_and_says_so(capsys):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.arrays import adopted, frozen
 from curricle.checks import indices
 from curricle.learning import SparseValues, TabularPolicy
 from curricle.planning.solution import checked_policy
@@ -102,26 +101,6 @@ def test_the_array_of_a_caller_is_copied_even_where_it_is_read_only():
     mine[:] = of_bytes[:] = 10**9
     for changed_mdp in changed:
         np.testing.assert_array_equal(changed_mdp.next_state, mdp.next_state)
-
-
-def test_frozen_arrays_are_taken_as_they_are():
-    array = frozen(np.arange(6.0).reshape(2, 3))
-    assert frozen(array) is array
-    assert adopted(array, np.float64) is array
-    assert adopted(array, np.float32) is not array
-    assert adopted(array[1:], np.float64).base is not None
-    assert adopted(array.T, np.float64).flags.c_contiguous
-
-
-@pytest.mark.parametrize(
-    "array",
-    [np.zeros((0, 3)), np.array(2.5), np.arange(6)[::2], np.zeros(3, bool), np.ones(2, np.uint64)],
-)
-def test_every_array_can_be_frozen(array):
-    before = array.copy()
-    shown = frozen(array)
-    assert (shown.dtype, shown.shape) == (array.dtype, array.shape)
-    np.testing.assert_array_equal(shown, before)
 
 
 class Lazy:

@@ -90,12 +90,6 @@ def test_equal_seeds_have_no_interval_rather_than_one_without_width(value, inter
     assert np.isnan(bounds(rounded)).all()
 
 
-def test_equal_middle_values_have_no_interquartile_interval():
-    interval = interquartile_interval([-9.0, 4.0, 4.0, 4.0, 7.0])
-    assert interval.estimate == 4.0
-    assert np.isnan(bounds(interval)).all()
-
-
 @BOTH
 def test_a_nan_seed_makes_its_checkpoint_nan(interval_of):
     values = normal(6, 3)
@@ -110,14 +104,6 @@ def test_an_interval_refuses(interval_of):
     wrong = {"values": [[], np.zeros((2, 2, 2)), [1.0, INF]]}
     check_values(SettingError, interval_of, wrong)
     check_values(SettingError, partial(interval_of, [1.0, 2.0]), {"confidence": [1.0, 95]})
-
-
-def test_paired_difference_cancels_what_the_seed_gives_to_both():
-    a, b = normal(20, seed=1), normal(20, seed=2)
-    common = 100 * normal(20)
-    np.testing.assert_allclose(
-        bounds(paired_difference(common + a, common + b)), bounds(paired_difference(a, b))
-    )
 
 
 def test_differences_equal_but_for_rounding_have_no_interval():

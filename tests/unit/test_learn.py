@@ -67,16 +67,3 @@ def test_each_seed_may_have_its_own_potential():
     ):
         result = cr.learn(LINE, frozen, 10, seeds=2, shaping=shaping)
         assert result.values[:, 0, 0].tolist() == expected
-
-
-def test_one_shaping_of_all_seeds_makes_one_potential(monkeypatch):
-    made = list[int]()
-    make = cr.StateActionPotential.__post_init__
-    monkeypatch.setattr(
-        cr.StateActionPotential, "__post_init__", lambda self: (made.append(1), make(self))[1]
-    )
-    phi = np.ones((LINE.states.size, LINE.actions.size))
-    together = cr.learn(LINE, budget=100, seeds=4, shaping=cr.QInitialisation(phi))
-    assert len(made) == 1
-    apart = cr.learn(LINE, budget=100, seeds=4, shaping=[cr.QInitialisation(phi)] * 4)
-    assert same(together, apart)

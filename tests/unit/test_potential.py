@@ -14,11 +14,6 @@ from tests.support.tasks import predator_edges, random_mdp, ring, ring_by_tables
 THREE = np.array([[[1.0, 5.0]], [[3.0, -2.0]], [[2.0, 0.0]]])
 
 
-def test_any_function_of_the_right_shape_is_an_aggregate():
-    assert aggregate(lambda phi: np.median(phi, axis=0), THREE).tolist() == [[2, 0]]
-    assert aggregate(lambda phi: [[1, 2]], THREE).dtype == np.float64
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_an_aggregate_must_be_finite_and_have_the_targets_shape(value):
     def broken(phi):
@@ -85,15 +80,6 @@ def test_the_state_potential_of_a_pair_potential_is_its_maximum():
 def random_potential(task, seed):
     shape = task.mdp.outcome_row.shape
     return cr.StateActionPotential(task, np.random.default_rng([seed, 1]).normal(size=shape))
-
-
-def test_optimum_and_random_return_of_a_target():
-    """Of the line: the first cell is worth 98.5 at best and x at random, the second y."""
-    target = Target.of(LINE)
-    assert target.optimum == 98.5
-    # x = -1 + (3 x + y) / 8, y = (199 - 3) / 4 + (x + 2 y) / 8
-    x, _ = np.linalg.solve([[5 / 8, -1 / 8], [-1 / 8, 6 / 8]], [-1.0, 49.0])
-    assert target.random_return == pytest.approx(x)
 
 
 @pytest.mark.parametrize("discounted", [True, False])

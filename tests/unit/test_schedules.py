@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from curricle import DoubleQLearning, FiniteMDP, GridWorld, QLearning, learn
+from curricle import DoubleQLearning, FiniteMDP, learn
 from curricle.learning import exponential, harmonic, linear
 from curricle.learning.schedules import constant
 
@@ -24,13 +24,6 @@ def test_schedules_by_hand(schedule, values):
     assert {step: schedule(step) for step in values} == pytest.approx(values)
 
 
-def test_a_harmonic_learning_rate_averages_the_rewards_of_a_pair():
-    # The one step of each episode pays 199 or (at an edge) -1; the rate 1 / n makes Q the mean.
-    task = GridWorld("ST", discount=0, time_limit=1)
-    result = learn(task, QLearning(learning_rate=harmonic(), epsilon=1, initial_value=50), 100)
-    assert result.values[0, 0].tolist() == [-1, 199, -1, -1]
-
-
 @pytest.mark.parametrize("steps", [20, 1000])
 def test_each_table_of_double_q_learning_averages_the_rewards_that_it_saw(steps):
     """With counts of their own, both tables forget where they started at their first update."""
@@ -44,8 +37,3 @@ def test_each_table_of_double_q_learning_averages_the_rewards_that_it_saw(steps)
     learner = DoubleQLearning(learning_rate=harmonic(), initial_value=100.0)
     result = learn(task, learner, steps, seeds=20)
     np.testing.assert_array_equal(result.values[:, 0, 0], 1.0)
-
-
-@pytest.mark.parametrize("schedule", [constant(1), linear(1, 0, steps=4), harmonic(1, half=2)])
-def test_schedules_hold_floats_so_that_the_loops_compile_once(schedule):
-    assert [type(number) for number in schedule[1:]] == [float] * 3

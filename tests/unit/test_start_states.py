@@ -123,11 +123,3 @@ def test_it_is_learnt_solved_and_drawn():
     drawn = with_start(DeepSea(4), visit_distribution(DeepSea(4)))
     assert GridView.of(drawn).shape == (5, 4)
     assert GridView.for_replay(near) is not None
-
-
-def test_a_task_with_another_start_is_evaluated_and_compared():
-    near = with_start(DeepSea(4), visit_distribution(DeepSea(4)))
-    assert isinstance(near, TaskWithStart)
-    assert cr.planning.GreedyEvaluation().discount(near) == near.mdp.discount
-    alone = cr.Curriculum({"near": near}, budget={"near": 200})
-    assert cr.compare({"alone": alone}, seeds=2, opponents=()).target == "near"

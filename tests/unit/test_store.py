@@ -79,13 +79,6 @@ def test_a_file_of_another_unit_is_refused(study_file, copied, tmp_path, content
         assert contents(copied) == whole
 
 
-def test_a_unit_of_another_task_than_is_asked_for_is_refused(finished):
-    store = StudyStore(finished)
-    unit = next(unit for unit in store.units() if unit.about.task == "corner")
-    with pytest.raises(StoreError, match="it is of task 'corner', not 'maze'"):
-        store.content(unit, "maze")
-
-
 def test_two_files_of_one_seed_are_refused(study_file, copied, tmp_path):
     run_study(read_study(study_file, set=['seeds="1-2"', "seeds_per_unit=9"]), tmp_path / "part")
     shutil.copytree(tmp_path / "part" / "units", copied / "units", dirs_exist_ok=True)

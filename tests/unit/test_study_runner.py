@@ -1,17 +1,14 @@
 """What a study's results depend on: the study and its seeds, and nothing about how it is run."""
 
-import json
-import pickle
 from functools import partial
 
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.curriculum.result import SourceValues
 from curricle.errors import ConfigError, CurriculumError, SettingError, StoreError, StudyError
 from curricle.study import StudyConfig, StudyResults, read_study, run_study
-from curricle.study.arms import Arms, UnitInput, train_unit, units_of
+from curricle.study.arms import Arms
 from curricle.study.results import DECISIONS, RESULTS
 from tests.support.executors import Held, Inline, sent_units
 from tests.support.refusals import check_values
@@ -119,27 +116,6 @@ def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_pat
     assert (trained["maze"].steps_used < 400).all()
     with pytest.raises(StoreError, match="at one total of steps: "):
         _ = study.comparison
-
-
-def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
-    study, done = read_study(study_file), StudyResults(finished)
-    changed = read_study(study_file, set=["seeds=[1, 3]", "seeds_per_unit=4"])
-    units = units_of(changed, Arms.of(study), {})
-    unit = next(unit for unit in units if (unit.arm, unit.task) == ("chain", "maze"))
-    rows = [1, 3]
-    sources = {
-        name: SourceValues(None, (1, 3), known.values[rows], known.steps_used[rows])
-        for name in unit.sources
-        for known in [done.result("chain", name, values=True)]
-    }
-    sent = UnitInput(json.dumps(study.to_data()), str(study.folder), "{}", unit, sources)
-    once, again = train_unit(sent), train_unit(pickle.loads(pickle.dumps(sent)))
-    assert repr(once.decisions) == repr(again.decisions)  # NaN is not equal to itself
-    assert once.arrays.keys() == again.arrays.keys()
-    for name, array in once.arrays.items():
-        np.testing.assert_array_equal(array, again.arrays[name])
-    whole = done.result("chain", "maze", values=True)
-    np.testing.assert_array_equal(once.arrays["values"], whole.values[rows])
 
 
 def test_a_source_whose_values_are_not_kept_is_said_so(study_file, tmp_path):

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from curricle import GridWorld, Pursuit, solve
+from curricle import GridWorld, solve
 from curricle.errors import TaskError
 from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import (
@@ -53,19 +53,6 @@ def test_a_decorated_function_is_a_family():
     assert member.parameters == {
         "length": 4, "slope": "flat", "wet": False, "side": "left", "limit": 50, "discount": 0.9,
     }  # fmt: skip
-
-
-def test_signatures_declare_the_parameters():
-    kinds = {
-        parameter.name: (parameter.kind, parameter.rule.values, parameter.optional)
-        for parameter in corridor.parameters
-    }
-    assert kinds["length"] == (int, None, False)
-    assert kinds["wet"] == (bool, None, False)
-    assert kinds["side"] == (None, ("left", "right"), False)
-    assert kinds["limit"] == (int, None, True)
-    assert "notes" not in kinds  # no kind that a family has: the default stays
-    assert [parameter.required for parameter in corridor.parameters].count(True) == 1
 
 
 def test_nothing_is_built_before_a_task_is_asked_for():
@@ -173,11 +160,3 @@ def test_wrong_values_are_named():
     check_values(TaskError, partial(TaskFamily, "f", one_word), wrong)
     check_values(TaskError, partial(TaskFamily, "f"), {"factory": [3]})
     check_values(TaskError, ComponentsByName, {"unequal": ["stretch"], "renaming": [3, {"a": 1}]})
-
-
-def test_the_pursuit_family_has_what_a_pursuit_has():
-    names = {parameter.name for parameter in pursuit_family.parameters}
-    assert names == set(Pursuit.__dataclass_fields__)
-    assert pursuit_family().task == Pursuit()
-    member = pursuit_family(size=3, predators=3, torus=True, capture=2, moves=4, time_limit=None)
-    assert member.task == Pursuit(3, 3, torus=True, capture=2, moves=4, time_limit=None)

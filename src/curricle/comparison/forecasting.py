@@ -206,12 +206,6 @@ class DistilledSource(Frozen):
     levels: tuple[str, ...]  # (M,) kind and number of the levels on which a member is tested
     shares: FloatArray  # (K, M): share of the way, by seed and member
 
-    @property
-    def expected(self) -> float:
-        """The share to expect in the target: that in the last member, which is nearest to it."""
-        # benchmarks/networks/forecast.py measures how well this share ranks sources.
-        return float(self.shares[:, -1].mean())
-
     def __str__(self) -> str:
         examined = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
         none = "nothing, as random play is optimal,"

@@ -107,11 +107,9 @@ def greedy_episodes(
     return _episodes(potential.task, policy, episodes, stream_start(seed, stream))
 
 
-def random_episodes(
-    task: ObservationTask, episodes: int, seed: int = 0
-) -> list[ObservationEpisode]:
+def random_episodes(task: ObservationTask, episodes: int) -> list[ObservationEpisode]:
     """Return episodes of a policy that samples its actions from the task's space."""
-    start, space = stream_start(seed, "random"), deepcopy(task.actions)
+    start, space = stream_start(0, "random"), deepcopy(task.actions)
     space.seed(splitmix64(start) >> 33)
 
     def policy(_: object, running: Sequence[int]) -> list[Any]:

@@ -1,8 +1,5 @@
 """Live tasks: learning in them, and what goes wrong in an environment surfaces as it is."""
 
-import _thread
-import signal
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -207,19 +204,6 @@ def test_failures_outside_of_learning_surface_too():
 
     with pytest.raises(Trouble, match="make"):
         cr.learn(cr.tasks.LiveMDP(*spaces_of_ring, nothing), budget=10)
-
-
-def test_an_interrupt_from_the_keyboard_stops_learning():
-    log = []
-
-    def fail(log):
-        if log.count("step") == 30:
-            _thread.interrupt_main(signal.SIGINT)
-
-    task = watched(log, fail)
-    with pytest.raises(KeyboardInterrupt):
-        cr.learn(task, budget=10**9, eval_freq=10**6, seeds=2, workers=2)
-    assert log.count("open") == log.count("close")
 
 
 def odd(method, answer):

@@ -17,7 +17,6 @@ from curricle.errors import SettingError, TaskError
 from curricle.learning.result import ends_of
 from curricle.pictures.views import GridView
 from curricle.show.plots import draw_comparison, draw_learning_curves, draw_potential, plot
-from curricle.show.style import digits_of, return_scale
 from curricle.statistics.curves import Curve
 from curricle.statistics.intervals import extremes
 from curricle.study.results import StudyResults
@@ -261,20 +260,3 @@ def test_colours_diverge_around_zero_only_where_there_are_two_sides(
     axes = Figure().subplots()
     image = draw_potential(axes, cr.GridWorld("S.T"), values, label="", bar=False, **options)
     assert (image.get_clim(), image.get_cmap().name) == (limits, colours)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "decimals"),
-    [(-0.02, 0.01, 3), (0, 0, 1), (-5, 5, 1), (0, 250, 0), (0, 1e-9, 9)],
-)
-def test_cells_show_as_many_decimals_as_tell_small_values_from_0(low, high, decimals):
-    assert digits_of(low, high) == decimals
-
-
-@pytest.mark.parametrize(("largest", "tick"), [(3e6, "−2e+06"), (3e-9, "−2e-09".replace("-", "−"))])
-def test_powers_of_ten_stand_at_the_ticks(largest, tick):
-    axes = Figure().subplots()
-    return_scale(axes.yaxis, -largest, 0.0)
-    shown = axes.yaxis.get_major_formatter().format_ticks([-2 * largest / 3])
-    assert shown == [tick]
-    assert axes.yaxis.get_major_formatter().get_offset() == ""
