@@ -32,44 +32,6 @@ def test_dask_changes_nothing(hunt, dask, tmp_path):
     assert whole(hunt, tmp_path / "local", "--on", "dask", "--workers", "2") == wanted
 
 
-def test_modules_of_trials_alone_reach_them_too(study, dask, tmp_path):
-    file = study()
-    (file.parent / "pooling.py").write_text("def largest(values):\n    return values.max(axis=0)\n")
-    tune = '[tune]\ntrials = 2\nseeds = 1\nspace.aggregate = ["mean", "pooling:largest"]\n'
-    file.write_text(f"{file.read_text()}{tune}")
-    wanted = whole(file, tmp_path / "threads")
-    assert whole(file, tmp_path / "dask", "--on", dask.on) == wanted
-
-
-UNMET = """
-class Unmet(LookupError):
-    def __init__(self, rule, value):
-        super().__init__(f"{rule}: got {value}")
-
-def mean(values):
-    raise Unmet("a rule of the thesis is not met", 3)
-"""
-
-
-def test_errors_of_ones_own_read_the_same_everywhere(study, tmp_path):
-    pytest.importorskip("distributed")
-    file = study()
-    with (file.parent / "rules.py").open("a") as rules:
-        rules.write(UNMET)
-    file.write_text(f'aggregate = "rules:mean"\n{file.read_text()}')
-    told = dict[str, str]()
-    ways = {"threads": (), "processes": ("--processes",), "dask": ("--on", "dask")}
-    for name, way in ways.items():
-        one = ("--workers", "1", "--set", "seeds=1")
-        printed, code = finished(file, tmp_path / name, *way, *one)
-        assert code == 3, printed
-        last = printed.splitlines()[-1]
-        assert last.endswith("whole: Unmet: a rule of the thesis is not met: got 3"), printed
-        assert 'rules.py", line ' in printed
-        told[name] = (tmp_path / name / "failures.json").read_text()
-    assert told["dask"] == told["processes"] == told["threads"]
-
-
 def test_a_killed_worker_changes_nothing(study, dask, tmp_path):
     wanted, out = whole(study(LONG), tmp_path / "threads"), tmp_path / "dask"
     running = begun(study(LONG), out, "--on", dask.on)

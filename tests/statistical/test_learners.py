@@ -1,4 +1,4 @@
-"""What is random, at the right frequencies; what converges, to the right values.
+"""What is random, at the right frequencies.
 
 Seeds are fixed, so that a test either always passes or always fails: the false-alarm rates below
 are for the day the random stream changes. Frequencies: chi-square at 1e-6 a test.

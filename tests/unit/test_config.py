@@ -3,19 +3,14 @@
 import inspect
 import json
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 
 import curricle as cr
 from curricle import GridWorld
-from curricle.checks import number
 from curricle.curriculum.curriculum import SETTINGS
-from curricle.errors import SettingError
 from curricle.learning import Learner, OptimisticQLearning, harmonic, linear
-from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
 from curricle.study import StudyConfig, read_study
 from curricle.study.config import json_schema
@@ -25,41 +20,6 @@ from curricle.study_file.file import merged
 from curricle.study_file.schema import table_of
 from curricle.transfer import aggregate as aggregation
 from tests.support.studies import CORNER, HUNT, MAZE, only
-
-
-@dataclass(frozen=True)
-class Invented:
-    """What a later version may have.
-
-    Parameters
-    ----------
-    height, width : float
-        How large it is, in ``cells``.
-    count : int
-    """
-
-    height: float
-    width: float = 2.0
-    count: int | None = None
-    pace: float | Schedule = 0.5
-    open: bool = False
-    size: tuple[int, int] = (1, 1)
-
-    def __post_init__(self):
-        number("height", self.height, SettingError, 0.0)
-
-
-def test_a_new_class_is_in_toml_without_a_second_declaration():
-    table = table_of(Invented)
-    made = table.model_validate({"height": 3, "pace": {"type": "harmonic"}, "size": [2, 4.0]})
-    assert made.build() == Invented(3.0, pace=harmonic(), size=(2, 4))
-    assert table.model_validate(made.model_dump(mode="json")) == made
-    assert table.model_fields["width"].description == "How large it is, in cells."
-    with pytest.raises(SettingError, match="height must be at least 0"):
-        table(height=-1).build()
-    for wrong in ({"height": "3"}, {"height": 1, "count": True}, {"height": 1, "open": 1}, {}):
-        with pytest.raises(ValidationError):
-            table.model_validate(wrong)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from tests.support.studies import OBSERVED_HUNT as HUNT, reader
 FIRST = HUNT.partition('target = "hunt"\n')[2].partition("[[")[0].rstrip()
 """What the first transfer reads."""
 DEEP = 'learner = { type = "deep", settings = { learning_rate = 1e-3 } }'
-GUARDED = "shaping = { portfolio = true, type = "
 CART = """
 name = "cart"
 [learner]

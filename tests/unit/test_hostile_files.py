@@ -107,14 +107,6 @@ def test_seeds_are_as_many_and_as_large_as_can_be_counted():
     assert "seeds must be a number of seeds, a list of different ones" in sentence
 
 
-def test_units_of_many_seeds_are_made_at_once():
-    Path("study.toml").write_text(f"seeds = {MOST_SEEDS}\nseeds_per_unit = 1\n{MAZE}")
-    study = read_study("study.toml")
-    units = units_of(study, Arms.of(study), {})
-    assert len(units) == 2 * MOST_SEEDS
-    assert np.unique([unit.snapshots > 0 for unit in units[:3]]).size == 2
-
-
 def test_a_preview_of_a_target_too_large_to_count():
     text = textwrap.dedent("""
         name = "many"

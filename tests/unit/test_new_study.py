@@ -1,16 +1,10 @@
 """`curricle new`: studies of environments, of one's own too, that run as they are."""
 
-from functools import partial
-from itertools import count
-
 import pytest
 
 from curricle.errors import ConfigError
-from curricle.interop import from_gymnasium
 from curricle.study import StudyResults, read_study
 from curricle.study.templates import new_study
-from curricle.study.templates.environment import Variant, _arguments, _made, easier
-from curricle.study_file.own_code import load
 
 OWN = """
 import gymnasium as gym
@@ -141,21 +135,6 @@ def test_a_dict_names_its_numbers(robots):
     (robots / file).write_text(text)
     plan = next(iter(read_study(robots / file).curricula.values()))
     assert plan.tasks["target"].states.names == ("area", "column", "row")
-
-
-@pytest.mark.parametrize(("name", "readable"), [("Icy", True), ("Labelled", False)])
-def test_a_source_that_no_visited_state_reads_is_left_out(robots, name, readable):
-    recipe, steps = load(f"robots:{name}", robots), count(1)
-    make = partial(_made, partial(from_gymnasium, time_limit=60), recipe)
-
-    def trial(arguments, task):
-        return Variant(arguments, task, None, next(steps))
-
-    target = Variant({}, make({}, 10.0), None, 1000.0)
-    kept = easier(target, make, _arguments(recipe, recipe()), trial)
-    assert {"slippery": False} in [variant.arguments for variant in kept]
-    # Another size is another area, so that no state of the source is a state of the target.
-    assert any("size" in variant.arguments for variant in kept) == readable
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 import re
 import shutil
-import subprocess
-import sys
 
 import pytest
 
@@ -84,28 +82,3 @@ def test_two_files_of_one_seed_are_refused(study_file, copied, tmp_path):
     shutil.copytree(tmp_path / "part" / "units", copied / "units", dirs_exist_ok=True)
     with pytest.raises(StoreError, match=r"must be in one file: .*-0-1\.npz and .*-1-2\.npz hold"):
         _ = StudyResults(copied).seeds
-
-
-@pytest.mark.parametrize(
-    "command", [("show",), ("compare",), ("report",), ("play", "--arm", "chain")]
-)
-def test_a_command_lists_a_folder_once_and_reads_each_file_once(copied, command):
-    script = f"""
-import sys
-opened, listed = [], []
-def note(event, arguments):
-    if event == "open" and str(arguments[0]).startswith({str(copied)!r}) and arguments[1] is None:
-        opened.append(arguments[0])
-    if event == "os.scandir" and str(arguments[0]).startswith({str(copied)!r}):
-        listed.append(str(arguments[0]))
-sys.addaudithook(note)
-sys.argv = ["curricle", {command[0]!r}, {str(copied)!r}, *{command[1:]!r}]
-from curricle.cli import main
-try:
-    main()
-finally:
-    assert len({{*map(str, opened)}}) == len(opened) > 0, opened
-    assert len({{*listed}}) == len(listed), listed
-"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr

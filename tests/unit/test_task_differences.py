@@ -244,9 +244,6 @@ def test_what_is_too_large_for_tables_is_compared_by_parameters(monkeypatch):
     assert names(coin(), changed((0, 0), [(0.5, 1, 2.0), (0.5, 2, -3.0)])) == ["reward"]
 
 
-ROOMS = GridWorld(["S..P", ".#..", "..FT"], time_limit=40)
-
-
 def apart(task, other):
     return summary_differences(task_summary(task), task_summary(other))
 

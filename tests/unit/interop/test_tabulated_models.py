@@ -63,15 +63,6 @@ def test_a_model_is_evaluated_from_other_starts():
     assert visits.record == task.record
 
 
-def test_large_tasks_are_asked_in_batches(monkeypatch):
-    from curricle.interop import tabulated_task
-
-    monkeypatch.setattr(tabulated_task, "BATCH", 3)
-    task, model = cr.tabulate(Corridor, discount=0.9), Rule(lambda seen: 1)
-    assert (task.policy(model) == 1).all()
-    assert model.asked == [3, 3, 2]
-
-
 @pytest.mark.parametrize(
     ("rule", "said"),
     [
