@@ -241,18 +241,6 @@ def test_a_network_on_a_potential_needs_it_again(tmp_path, shaping):
         DeepResult.load(file, task, DEEP_Q, shaping=[shaped])
 
 
-@pytest.mark.parametrize("shaping", [cr.QInitialisation, cr.StateShaping])
-def test_a_network_is_loaded_with_the_values_that_it_was_given(tmp_path, shaping):
-    height = cr.transfer.FunctionValues(lambda seen, actions: 1.0 + 0 * actions, actions=4)
-    result = learn_deep(LAKE, DEEP_Q, 64, shaping=shaping(height), eval_freq=32)
-    again = DeepResult.load(result.save(tmp_path / "a"), LAKE, DEEP_Q, shaping=shaping(height))
-    assert again.values[0].v(ROWS) == pytest.approx(result.values[0].v(ROWS))
-    plain = learn_deep(LAKE, DEEP_Q, 64, eval_freq=32).save(tmp_path / "plain")
-    if shaping is cr.StateShaping:
-        with pytest.raises(SettingError, match="without any if they had none"):
-            DeepResult.load(plain, LAKE, DEEP_Q, shaping=shaping(height))
-
-
 def test_a_curriculum_of_networks_is_loaded_as_it_was(tmp_path):
     edge = cr.Transfer("alone", "lake", cr.transfer.ObservationMapping(LAKE, LAKE))
     plan = cr.Curriculum({"alone": LAKE, "lake": LAKE}, [edge], learner=DEEP_Q, budget=64)

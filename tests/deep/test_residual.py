@@ -14,7 +14,6 @@ from curricle.deep.learner import residual_policy
 from curricle.deep.models import model_for
 from curricle.deep.networks import FEW, NetworkValues
 from curricle.deep.ways_in import ResidualMlpPolicy
-from tests.support import hunters
 
 from .worlds import one_hot, random_task, table_potential
 
@@ -109,16 +108,6 @@ def test_a_residual_tells_states_apart_by_phi_alone(reads):
         rows = torch.as_tensor(np.eye(5, dtype=np.float32)[~task.terminal])
         residual = online(rows).numpy() - met.astype(np.float32)
     assert np.ptp(residual, axis=0).min() > 0
-
-
-@pytest.mark.parametrize(("predators", "extra"), [(1, 5), (3, 1)])
-def test_of_few_actions_a_residual_reads_phi_of_each(predators, extra):
-    hunt = hunters.observed(predators)
-    height = cr.transfer.FunctionValues(lambda rows, actions: 1.0 * actions, actions=hunt.n_actions)
-    phi = cr.transfer.ObservationPotential.of(hunt, height)
-    network = model_for(hunt, cr.deep.DeepLearner("DQN"), shaping=cr.QInitialisation(phi)).q_net
-    width = int(hunt.observations.nvec.sum()) + extra
-    assert network.q_net[0].in_features == width
 
 
 @pytest.mark.parametrize("reads", ways_in.READS)

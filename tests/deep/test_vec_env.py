@@ -125,18 +125,6 @@ def test_each_step_is_shaped_as_defined(n, source):
     assert min(ends.values()) > 5
 
 
-def test_values_are_read_once_a_step_and_never_of_a_terminal_state():
-    values = Calls()
-    venv = ShapedVecEnv(worlds(3), values, discount=DISCOUNT)
-    venv.reset()
-    for action in RNG.integers(2, size=(50, 3)):
-        values.sizes.clear()
-        _, _, dones, infos = venv.step(action)
-        cut = sum(info["TimeLimit.truncated"] for info in infos)
-        # those returned, those in which episodes were cut off, those with which ended ones began
-        assert values.sizes == [3 + cut + dones.sum()]
-
-
 def test_what_stands_inside_can_be_reached():
     venv = shape(DummyVecEnv([lambda: Monitor(world())] * 2))
     assert venv.env_is_wrapped(Monitor) == [True, True]

@@ -83,19 +83,6 @@ def test_a_charged_curve_stays_within_what_was_measured(pair):
     assert np.all(charged <= seen.max(axis=1, keepdims=True) + slack)
 
 
-@given(curves(arms=2), st.integers(0, 3000))
-def test_charging_more_never_helps_a_curve_that_rises_above_the_baselines_start(pair, extra):
-    baseline, transfer = pair
-    rising = np.sort(np.abs(transfer.filled()), axis=1)
-    floor = Curve(baseline.steps, -np.abs(baseline.filled()))
-    less = charge_source(floor, Curve(baseline.steps, rising, transfer.source_steps))
-    more = charge_source(floor, Curve(baseline.steps, rising, transfer.source_steps + extra))
-    # The start of learning is exact to a checkpoint, between which a curve is interpolated.
-    checkpoint = np.diff(baseline.steps).max(initial=0) / max(1, np.ptp(baseline.steps))
-    slack = 1e-6 + checkpoint * (rising.max() - floor.values.min())
-    assert mean_return(more).mean() <= mean_return(less).mean() + slack
-
-
 @given(curves(arms=2))
 def test_a_source_that_teaches_nothing_never_gains(pair):
     """Nor does a strong gain exceed the weak one over the steps that the target has left."""

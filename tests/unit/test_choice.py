@@ -242,17 +242,6 @@ def test_a_choice_is_carried_over_in_relative_terms(hunt, choice):
     assert "carried over: a source of kind 'member'" in str(carried)
 
 
-def test_a_part_of_a_maze_is_carried_over_by_its_share_of_the_side():
-    small, large = (
-        cr.GridWorld([f"S{'.' * n}", *["." * (n + 1)] * (n - 1), f"{'.' * n}T"]) for n in (4, 9)
-    )
-    part = module.source_candidates(small, kinds=["crop"])["rows 1..4, columns 1..4"]
-    option = module.Option("part", part, steps=160, scale=2.0)
-    carried, sentence = module._carried_over(large, option, small)
-    assert "a source of kind 'crop', with 0.64 of the target's states, 10 steps a" in sentence
-    assert (carried.candidate.task.states.size, carried.steps, carried.scale) == (64, 640, 2.0)
-
-
 # -- In studies ------------------------------------------------------------------------------------
 
 

@@ -2,14 +2,11 @@
 
 import re
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
 
-from curricle.cli import progress_bars
-from curricle.cli.progress_bars import run_with_bars
-from curricle.errors import ConfigError, EngineError, SettingError, StudyError
+from curricle.errors import ConfigError, EngineError, SettingError
 from curricle.study import read_study, run_study, running
 from curricle.study.arms import Arms, UnitInput
 from curricle.study.executors import Workers, _folder_with, train_sent, versions_here
@@ -140,28 +137,3 @@ def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
     assert {*workers.files} == {"lakes.py", "living.py", "pooling.py"}
     assert [arms.serial for arms in both] == [False, True]
     assert workers.serial
-
-
-def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_path, monkeypatch):
-    threads, pools = [], []
-
-    def interruptible(workers):
-        threads.append(workers)
-        return ThreadPoolExecutor(workers)
-
-    class Processes(ThreadPoolExecutor):
-        def __init__(self, workers):
-            pools.append(workers)
-            super().__init__(1)
-
-    monkeypatch.setattr(running, "interruptible", interruptible)
-    monkeypatch.setattr(progress_bars, "WorkerProcesses", Processes)
-    monkeypatch.setattr(running, "described", stop)
-    for run in (run_study, run_with_bars):
-        with pytest.raises(StudyError, match="stopped"):
-            run(tuned_lakes, tmp_path / "out", workers=3, resume=True)
-    assert (threads, pools) == ([1], [3])
-
-
-def stop(*_, **__):
-    raise StudyError("stopped")

@@ -72,15 +72,3 @@ def test_what_was_halted_is_no_result():
     thread.start()
     thread.join()
     assert [type(one) for one in found] == [KeyboardInterrupt]
-
-
-def test_a_short_run_starts_no_thread(monkeypatch):
-    def refuse(thread):
-        raise AssertionError("a thread was started")
-
-    many = cr.GreedyEvaluation("rollouts", episodes=10**6)
-    monkeypatch.setattr(threading.Thread, "start", refuse)
-    cr.learn(MAZE, budget=1000, evaluation=EXACT, workers=1)
-    for settings in ({"budget": LONG, "eval_freq": LONG}, {"budget": 10, "evaluation": many}):
-        with pytest.raises(AssertionError, match="a thread was started"):
-            cr.learn(MAZE, workers=1, **({"evaluation": EXACT} | settings))

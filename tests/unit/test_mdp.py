@@ -2,11 +2,9 @@
 
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-import curricle as cr
 from curricle import FiniteMDP, GridWorld
 from curricle.errors import TaskError
 from tests.support.tasks import dense_of
@@ -65,31 +63,3 @@ def test_next_states_beyond_32_bits_are_refused_and_not_wrapped_round():
     too_large = m.next_state.astype(np.int64) + 2**32
     with pytest.raises(TaskError, match="next states"):
         replace(m, next_state=too_large)
-
-
-MAZE = cr.GridWorld("S.T")
-GYMNASIUM = "; from_gymnasium makes a task of an environment or of its id"
-
-
-@pytest.mark.parametrize(
-    ("argument", "advice"),
-    [
-        (cr.GridWorld, "; give a task of this class, not the class"),
-        ("FrozenLake-v1", GYMNASIUM),
-        (gym.make("FrozenLake-v1"), GYMNASIUM),
-        (cr.to_gymnasium(MAZE), ", whose task is its .task"),
-        (
-            cr.observation_task("CartPole-v1"),
-            "; a task seen through observations is learnt by a network, a deep.DeepLearner",
-        ),
-        (3, ""),
-        (int, ""),
-    ],
-    ids=lambda argument: type(argument).__name__,
-)
-def test_what_was_probably_meant_is_said(argument, advice):
-    expected = f"a task must be a FiniteMDP or have its tables as .mdp: got {argument!r}{advice}"
-    for use in (cr.solve, cr.learn, lambda task: cr.Curriculum({"task": task}).train(seeds=1)):
-        with pytest.raises(TaskError) as caught:
-            use(argument)
-        assert str(caught.value) == expected

@@ -11,8 +11,6 @@ from rich.console import Console
 
 import curricle as cr
 from curricle import progress as progress_module
-from curricle.cli import progress_bars
-from curricle.cli.progress_bars import Lines
 from curricle.comparison.plan import Unit
 from curricle.errors import SettingError
 from curricle.progress import Bars, Screen, shown
@@ -236,17 +234,3 @@ def test_the_time_left_is_that_at_the_pace_so_far_and_stands_below_the_bars():
         Bars(screen).bar("scratch: maze", 4)
     *_, last = console.export_text().strip().splitlines()
     assert "0:00:20 left" in last
-
-
-def test_very_many_units_have_a_line_a_second(capsys):
-    number, clock = progress_bars.MANY + 500, Clock()
-    pace, every = Pace(clock), units(number)
-    lines = Lines(pace)
-    for unit in (None, *every):
-        progress = Progress(every, unit)
-        pace.note(progress)
-        lines.show(progress)
-        clock.now += 0.01
-    printed = capsys.readouterr().err.splitlines()
-    assert len(printed) == number // 100 + 1
-    assert printed[-1].startswith(f"{number:,} of {number:,} units, 1 worker")

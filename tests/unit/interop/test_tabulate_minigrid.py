@@ -163,24 +163,6 @@ def test_levels_that_keep_a_state_elsewhere_are_saved_by_copies(level, length):
     assert cr.solve(task).start_value == pytest.approx(0.9 ** (length - 1))
 
 
-def test_a_wrapper_with_a_state_makes_the_states_copies():
-    class Toll(gym.Wrapper):
-        """The second step forward in a row costs."""
-
-        def reset(self, **settings):
-            self.forward = False
-            return self.env.reset(**settings)
-
-        def step(self, action):
-            seen, reward, *rest = self.env.step(action)
-            toll, self.forward = self.forward and action == 2, action == 2
-            return seen, reward - toll, *rest
-
-    task = cr.tabulate(lambda: Toll(gym.make("MiniGrid-Empty-5x5-v0")), discount=0.99)
-    # Two steps, a turn, two steps, and a pause between each two of the steps.
-    assert cr.solve(task).start_value == pytest.approx(0.99**6)
-
-
 def test_moving_obstacles_are_refused():
     with pytest.raises(TaskError, match="steps must be deterministic"):
         cr.tabulate("MiniGrid-Dynamic-Obstacles-5x5-v0", discount=0.9)
