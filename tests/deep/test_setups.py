@@ -14,11 +14,9 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnvWrapper, VecNormalize
 
 import curricle as cr
-from curricle.deep import DeepLearner, ShapedVecEnv, WeightTransfer, learn_deep, miniatures, models
-from curricle.deep.distillation import distil
+from curricle.deep import DeepLearner, ShapedVecEnv, WeightTransfer, learn_deep, models
 from curricle.deep.learner import Linear
 from curricle.deep.networks import Standardized
-from tests.deep.worlds import LAKE
 
 CART = cr.observation_task("CartPole-v1", discount=0.98)
 SMALL = {"n_steps": 32, "batch_size": 64, "policy_kwargs": {"net_arch": [16]}}
@@ -277,16 +275,6 @@ def test_parts_and_frames_are_normalised_too(algorithm, encode, policy):
     parts = [*Standardized.of(result.policy.model.policy)]
     assert all(part.running_count > 100 for part in parts)
     assert [len(part.numbers) for part in parts] == [1 + (encode is Parts)] * len(parts)
-
-
-def test_a_distilled_network_is_normalised_by_what_it_was_fitted_to():
-    learner = DeepLearner("PPO", settings={**SMALL, "normalize": True})
-    small = miniatures(LAKE, resets=1)
-    values = distil(small.knowledge(), LAKE, learner)
-    (part,) = Standardized.of(values.policy)
-    seen = small.knowledge().observations
-    assert part.running_0_mean.numpy() == pytest.approx(seen.mean(axis=0), abs=1e-4)
-    assert small.examined(values)[0].regained > 0.9
 
 
 def test_processes_learn_what_one_process_learns():

@@ -79,20 +79,6 @@ def test_bad_potentials_are_refused_in_one_sentence(call, says):
     check_refusal(PotentialError, call, says)
 
 
-@pytest.mark.parametrize(
-    "allowed",
-    [
-        lambda: cr.QLearning(learning_rate=0, epsilon=1),
-        lambda: ask(eval_freq=100),
-        lambda: ask(budget=np.int32(100), seeds=np.int64(1)),
-        lambda: ask(budget=1e2),
-        lambda: cr.QLearning(inverse_temperature=np.float32(0.5)),
-    ],
-)
-def test_what_is_just_within_the_rules_is_allowed(allowed):
-    assert allowed() is not None
-
-
 @pytest.mark.parametrize("huge", [2**63, -(10**400), 10**5000, INF], ids=lambda _: "")
 def test_a_number_beyond_64_bits_is_refused_in_one_sentence(huge):
     with pytest.raises(SettingError, match=r"^[^\n]{1,90}$"):

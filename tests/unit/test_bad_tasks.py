@@ -187,23 +187,6 @@ def test_wrong_values_are_named(call, wrong):
     check_values(TaskError, call, wrong)
 
 
-@pytest.mark.parametrize(
-    "allowed",
-    [
-        lambda: dense(discount=1),
-        lambda: dense(ROUND, discount=1, time_limit=5),
-        lambda: dense(discount=0),
-        lambda: dense([[[0, 1]], [[0, 0.5]]]),  # rows of terminal states are never used
-        lambda: dense(reward=[1, NAN]),
-        lambda: GridWorld("S.T", discount=1, time_limit=5).mdp,
-        lambda: GridWorld("S.T", ends=()).mdp,
-        lambda: GridWorld("S.T", ends="treasure", start=[(0, 0), (0, 0)]).mdp,
-    ],
-)
-def test_what_is_just_within_the_rules_is_allowed(allowed):
-    assert allowed() is not None
-
-
 def test_values_at_the_edge_of_64_bits_are_numbered_without_overflow():
     edge = Space([Component("a", 3, low=1 - 2**63), Component("b", 2, low=2**63 - 2)])
     low, high = 1 - 2**63, 2**63 - 1

@@ -30,13 +30,6 @@ def test_a_learning_step_takes_a_few_random_ones(estimates):
     assert PACE <= maze.seconds / (maze.seeds * maze.steps) <= 10 * PACE
 
 
-def test_seeds_and_steps_multiply(estimates):
-    easy, maze = estimates["scratch", "maze"], estimates["chain", "easy"]
-    assert easy.seeds == maze.seeds == 2
-    # Evaluations, which are few here, take longer in larger tasks.
-    assert easy.seconds / easy.steps == pytest.approx(maze.seconds / maze.steps, rel=0.02)
-
-
 def test_exact_evaluations_are_counted(study_file, monkeypatch):
     monkeypatch.setattr(cost, "random_pace", lambda task: PACE)
     rare, often = (

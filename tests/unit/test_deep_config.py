@@ -1,13 +1,10 @@
 """Study files with networks: observed tasks, learners, mappings into them; without torch."""
 
-import re
-
 import numpy as np
 import pytest
 
 import curricle as cr
 from curricle.comparison.task_differences import differences
-from curricle.errors import ConfigError
 from curricle.study import StudyConfig
 from curricle.study.arms import Arms
 from tests.support.hunters import observed
@@ -77,16 +74,6 @@ def read(tmp_path):
         return reader(tmp_path)(text)
 
     return read_changed
-
-
-@pytest.fixture
-def complaint(read, tmp_path):
-    def collect(text, *changes):
-        with pytest.raises(ConfigError) as caught:
-            _ = read(text, *changes).curricula
-        return str(caught.value).replace(f"{tmp_path}/study.toml, ", "")
-
-    return collect
 
 
 def test_a_network_reads_a_table(read):
@@ -173,19 +160,6 @@ def test_every_shaping_of_a_network_may_be_named(read, name):
     plan = read(HUNT, ("aggregate", f"shaping = {name!r}\naggregate")).curriculum("transfer")
     assert plan.setting("shaping", "hunt").name == name
     assert plan.setting("shaping", "hunt").portfolio is None
-
-
-def test_ways_of_networks_are_none_into_tables(complaint):
-    text = HUNT.replace('type = "observation_task"', 'type = "pursuit"\nsize = 3')
-    text = re.sub(r"(?m)^(id|arguments|actions) = .*$", "", text)
-    text = text.replace(FIRST.partition("\n")[0], "project = {}", 1)
-    text = text.replace('observations = "tests.support.hunters:second"', "project = {}")
-    text = text.replace(DEEP, "")
-    sentence = "line 5: shaping must be for tables, to learn hunt: got 'WeightTransfer'"
-    assert complaint(text, ('aggregate = "minimum"', 'shaping = "WeightTransfer"')) == sentence
-    assert "transfers[0].observations must be left out: hunt is not seen" in complaint(
-        text, ("project = {}", 'observations = "own:leaning"')
-    )
 
 
 def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):

@@ -20,6 +20,8 @@ def test_a_budget_of_steps_is_spent_to_the_last_one():
     assert cr.learn(LINE, budget=1000).steps.tolist() == list(range(0, 1001, 10))
     assert cr.learn(LINE, budget=1000, eval_freq=300).steps.tolist() == [0, 300, 600, 900]
     assert cr.learn(LINE, budget=50).steps.tolist() == list(range(51))
+    assert cr.learn(LINE, budget=np.int32(50), seeds=np.int64(1)).steps_used.tolist() == [50]
+    assert cr.learn(LINE, budget=5e1).steps_used.tolist() == [50]
     assert cr.learn(LINE, budget=1000, eval_freq=1000).steps.tolist() == [0, 1000]
 
 

@@ -64,25 +64,6 @@ def test_a_return_that_fell_to_the_floor_has_not_settled():
     assert known.step == unknown.step < 1_000
 
 
-FALLING = {
-    "pursuit": cr.Pursuit(size=3, predators=1),
-    "FrozenLake": cr.tasks.FrozenLake(),
-    "four rooms": cr.tasks.FourRooms(),
-}
-
-
-@pytest.mark.parametrize("name", FALLING)
-def test_sources_whose_return_falls_at_first_learn_as_much_as_by_exact_training(name):
-    task = FALLING[name]
-    uniform = np.full(task.mdp.outcome_row.shape, 1 / task.actions.size)
-    random, optimum = cr.evaluate(task, uniform).start_value, cr.solve(task).start_value
-    settled, exact = (
-        cr.learn(task, budget=cr.StoppingRule(10_000, settled=s), seeds=10) for s in (SETTLED, None)
-    )
-    ways = [(r.greedy_return[:, -1].mean() - random) / (optimum - random) for r in (settled, exact)]
-    assert ways[0] > 0.8 * ways[1]
-
-
 def test_without_a_model_it_has_to_exceed_random_play_by_more_than_its_noise():
     walk = ring(9)
     floor = Target.of(walk, episodes=1_000).floor

@@ -76,20 +76,6 @@ def test_fraction_stands_for_a_return_between_random_and_optimal():
         cr.StoppingRule(10, threshold=1.0, fraction=0.5)
 
 
-@pytest.mark.parametrize(
-    ("settings", "greedy", "criterion"),
-    [
-        ({"threshold": 3.0}, [0.0, 2.0, 4.0, 5.0], "threshold reached"),
-        ({"fraction": 0.5}, [0.0, 0.0, 7.0, 8.0], "fraction of the optimum reached"),
-        ({"threshold": 9.0}, [0.0, 1.0, 2.0, 3.0], "all steps used"),
-    ],
-)
-def test_the_criterion_of_a_decision_has_no_numbers(settings, greedy, criterion):
-    rule = cr.StoppingRule(30, patience=2, **settings)
-    decisions = rule.decisions([0, 10, 20, 30], greedy, level=6.5)
-    assert [decision.criterion for decision in decisions] == ["", "", "", criterion]
-
-
 def test_a_rule_that_makes_no_sense_is_refused():
     nan = float("nan")
     check_values(SettingError, cr.StoppingRule, {"max_steps": [0]})

@@ -20,13 +20,6 @@ def opened(path, settings=SETTINGS):
         return store
 
 
-def test_reopening_with_the_same_settings_keeps_everything(tmp_path):
-    opened(tmp_path / "a").write_record("x.json", RunsRecord())
-    again = opened(tmp_path / "a")
-    assert again.record("x.json", RunsRecord) == RunsRecord()
-    assert again.description == SETTINGS
-
-
 @pytest.mark.parametrize("other", [{"seeds": 5, "version": "1"}, {"seeds": 30}, {}])
 def test_other_settings_are_refused(tmp_path, other):
     opened(tmp_path)
@@ -55,11 +48,6 @@ def test_a_damaged_file_is_named(tmp_path):
     store.write("claims.json", b"{")
     with pytest.raises(StoreError, match=r"claims\.json is damaged: its checksum does not fit"):
         store.record("claims.json", RunsRecord)
-
-
-def test_each_unit_has_a_file(finished):
-    seeds = [unit.seeds for unit in StudyStore(finished).units()]
-    assert seeds == [(0, 1), (2, 3)] * (len(seeds) // 2)
 
 
 def test_a_file_of_another_unit_is_refused(study_file, copied, tmp_path, contents):

@@ -7,7 +7,7 @@ import pytest
 
 import curricle as cr
 from curricle.errors import ConfigError, CurriculumError, SettingError, StoreError, StudyError
-from curricle.study import StudyConfig, StudyResults, read_study, run_study
+from curricle.study import StudyResults, read_study, run_study
 from curricle.study.arms import Arms
 from curricle.study.results import DECISIONS, RESULTS
 from tests.support.executors import Held, Inline, sent_units
@@ -193,11 +193,6 @@ def test_a_study_runs_from_its_path_into_the_folder_of_the_command_line(file):
     )
     cr.run_study(cr.read_study(file), "elsewhere")
     assert StudyResults("elsewhere").seeds == (3, 5)
-
-
-def test_a_study_without_a_file_is_called_by_its_name(tmp_path):
-    data = {"name": "line", "arms": {"only": {"tasks": {"a": {"type": "maze", "map": "S.T"}}}}}
-    assert StudyConfig.from_data(data, tmp_path).results_folder == "line-results"
 
 
 def test_a_study_is_compared_from_its_path_with_its_own_settings(file):

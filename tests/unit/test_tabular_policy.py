@@ -83,12 +83,6 @@ def test_episodes_have_the_return_that_evaluation_expects():
     assert abs(np.mean(returns) - wanted) < 4 * error
 
 
-def test_an_episode_depends_on_its_seed_alone(learnt):
-    policy = TabularPolicy(HUNT, np.zeros((HUNT.states.size, HUNT.actions.size)))
-    actions, again, other = (policy.episode(seed=seed).actions.tolist() for seed in (1, 1, 2))
-    assert actions == again != other
-
-
 def test_sparse_values_act_where_learning_was_and_draw_elsewhere():
     result = cr.learn(HUNT, budget=2000, storage=cr.Storage("sparse"))
     dense = cr.learn(HUNT, budget=2000, storage=cr.Storage("dense"))

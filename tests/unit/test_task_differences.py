@@ -248,17 +248,6 @@ def apart(task, other):
     return summary_differences(task_summary(task), task_summary(other))
 
 
-def test_text_of_a_parameter_is_the_same_in_every_process():
-    def slip(state):
-        return state + 1
-
-    named = plain_text(slip)
-    assert named.startswith("slip (")
-    assert "0x" not in plain_text(slip) + plain_text((slip, object()))
-    assert plain_text({"b", "a"}) == "['a', 'b']"
-    assert plain_text(lambda state: state) != plain_text(lambda state: state + 2)
-
-
 PENALTY = -1.0
 
 

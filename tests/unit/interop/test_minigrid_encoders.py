@@ -63,19 +63,6 @@ def test_the_quick_observation_is_minigrids_own(size, through):
                 base.reset(seed=step)
 
 
-def test_an_environment_that_observes_otherwise_still_does():
-    class Blind(type(gym.make(DOOR).unwrapped)):
-        def gen_obs(self):
-            return {**super().gen_obs(), "image": np.zeros((7, 7, 3), np.uint8)}
-
-    assert MiniGridView()(Blind(size=6)).reset(seed=0)[0][:-4].reshape(49, 20)[:, 0].all()
-    replaced = gym.make(DOOR).unwrapped
-    replaced.gen_obs = Blind.gen_obs.__get__(Blind(size=6))
-    before = replaced.gen_obs
-    MiniGridView()(replaced)
-    assert replaced.gen_obs is before
-
-
 def test_the_picture_has_the_same_numbers():
     env, flat = MiniGridView(picture=True)(gym.make(DOOR)), MiniGridView()(gym.make(DOOR))
     seen, vector = env.reset(seed=2)[0], flat.reset(seed=2)[0]

@@ -3,7 +3,6 @@
 import re
 import shutil
 from time import sleep
-from types import SimpleNamespace
 
 import pytest
 
@@ -127,34 +126,6 @@ def test_a_study_without_scratch_has_no_report(live):
     live.store("chain", "corner")
     live.refresh("2 of 16 units")
     assert "There is no report: " in live.banner[0]
-
-
-def results(total=9, failed=(), learners=(), **seeds):
-    """Results as far as the choice of arms reads them: arm -> number of seeds it has finished."""
-    kind = {"nodes": ("maze",), "control_of": ""}
-    arms = {arm: SimpleNamespace(scratch=arm in learners, **kind) for arm in seeds}
-    keys = {(arm, "maze"): arm for arm in seeds}
-    record = SimpleNamespace(total=total, seeds=range(100), arms=arms, keys=keys)
-    stored = {arm: dict.fromkeys(range(n)) for arm, n in seeds.items()}
-    return SimpleNamespace(record=record, stored=stored, failed=dict.fromkeys(failed))
-
-
-@pytest.mark.parametrize(
-    ("study", "arms"),
-    [
-        (results(scratch=30, a=0, b=0), []),
-        (results(scratch=30, a=5, b=0), ["scratch", "a"]),
-        (results(scratch=30, a=30, b=5), ["scratch", "a"]),
-        (results(scratch=100, a=20, b=20), ["scratch", "a", "b"]),
-        (results(scratch=30, a=30, b=30, failed=["a"]), ["scratch", "b"]),
-        (results(scratch=30, a=30, failed=["scratch"]), []),
-        (results(scratch=30, a=30, learners=["a"]), []),
-        (results(scratch=30, a=30, total=None), []),
-        (results(a=30, b=30), []),
-    ],
-)
-def test_the_arms_with_most_results_in_common_are_compared(study, arms):
-    assert arms_so_far(study) == arms
 
 
 def test_a_control_waits_for_the_arm_that_it_is_of(tmp_path):
