@@ -1,6 +1,5 @@
 """The theorems of shaping, through the Gymnasium wrappers, on random small worlds."""
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.wrappers import TimeLimit
 from hypothesis import given, strategies as st
@@ -8,48 +7,33 @@ from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.interop.potential_shaping import PotentialShaping
+from tests.unit.interop import shaping
 
 
-class World(gym.Env):
+class World(shaping.World):
     """A finite MDP, P and r (S, A, S), that ends in its last state; a reset may name the state."""
 
     def __init__(self, p, r):
-        self.p, self.r = p, r
-        self.n_states, self.n_actions = p.shape[:2]
-        self.observation_space = gym.spaces.Discrete(self.n_states)
-        self.action_space = gym.spaces.Discrete(self.n_actions)
+        super().__init__(np.arange(len(p)) == len(p) - 1, p=p, r=r)
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.state = (options or {}).get("state", 0)
         return self.state, {}
 
-    def step(self, action):
-        return self.move(
-            action, int(self.np_random.choice(self.n_states, p=self.p[self.state, action]))
-        )
-
-    def move(self, action, following):
-        reward, self.state = float(self.r[self.state, action, following]), following
-        return following, reward, following == self.n_states - 1, False, {}
-
     def task(self, rewards, discount):
-        terminal = np.arange(self.n_states) == self.n_states - 1
         return cr.FiniteMDP.from_dense(
-            self.p, rewards, terminal=terminal, start=0, discount=discount
+            self.p, rewards, terminal=self.terminal, start=0, discount=discount
         )
 
 
 class Led(World):
     """A world in which actions name the next state too: action + A s'."""
 
-    def __init__(self, p, r):
-        super().__init__(p, r)
-        self.action_space = gym.spaces.Discrete(self.n_actions * self.n_states)
-
     def step(self, action):
-        following, action = divmod(action, self.n_actions)
-        return self.move(action, following)
+        following, action = divmod(action, self.p.shape[1])
+        reward, self.state = float(self.r[self.state, action, following]), following
+        return following, reward, bool(self.terminal[following]), False, {}
 
 
 @st.composite

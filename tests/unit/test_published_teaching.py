@@ -5,22 +5,8 @@ import pytest
 
 import curricle as cr
 from benchmarks.published import __main__ as tables, depth, teachers
-from benchmarks.published.teaching import Uniform, teach
 from curricle.study import audit, read_study
 from curricle.tasks import goal_distance
-
-MAZE = cr.GridWorld(["S...PT", ".PP...", "......"], time_limit=50)
-EXACT = cr.GreedyEvaluation(method="exact")
-
-
-@pytest.mark.parametrize("evaluation", [EXACT, cr.GreedyEvaluation(method="rollouts", episodes=7)])
-def test_starts_of_the_target_are_plain_learning_bit_for_bit(evaluation):
-    how = {"seeds": [2, 7], "eval_freq": 30, "evaluation": evaluation}
-    alone = cr.learn(MAZE, cr.QLearning(), 1500, **how)
-    result = teach({"all": MAZE}, MAZE, Uniform(), cr.QLearning(), 1500, **how)
-    np.testing.assert_array_equal(result.greedy_return, alone.greedy_return)
-    for k in range(2):
-        np.testing.assert_array_equal(result.results[k].values[0], alone.values[k])
 
 
 def test_the_mazes_of_rutherford():
