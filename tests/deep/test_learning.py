@@ -1,7 +1,6 @@
 """Training deep learners: curves, budgets, stopping and shapings."""
 
 import random
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -223,8 +222,3 @@ def test_the_potential_is_added_to_values_learnt_with_state_shaping(observed):
     rows = np.eye(MAZE.states.size, dtype=np.float32)
     bare = cr.deep.NetworkValues(values.policy)
     assert values.v(rows) == pytest.approx(bare.v(rows) + phi.v(rows))
-
-
-def test_a_learners_text_tells_its_settings_apart():
-    texts = [repr(cr.deep.DeepLearner(settings={"x": partial(pow, n)})) for n in (2, 3)]
-    assert texts == [f"DeepLearner(DQN, MlpPolicy, x=pow({n}))" for n in (2, 3)]

@@ -151,12 +151,6 @@ def test_page_and_command_say_how_many_seeds_the_verdicts_rest_on(tmp_path):
     assert "Every learner is trained with 30 seeds.</p>" in page
 
 
-@pytest.mark.slow
-def test_no_caption_says_that_the_paper_had_fewer_seeds_than_it_had(whole):
-    caption = json.loads((whole / "data" / "figure4.json").read_text("utf-8"))["caption"]
-    assert caption.startswith("Left and right: 3 seeds, where the paper has 5. Means over seeds")
-
-
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

@@ -8,7 +8,6 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.interop.gymnasium import Number, Point, is_discrete, space_of
-from curricle.tasks.spaces import MISSING
 from tests.support.worlds_to_tabulate import Listed
 
 SIZES = st.integers(1, 4)
@@ -40,24 +39,6 @@ def test_points_have_numbers_and_numbers_points(space):
     space.seed(0)
     drawn = [number(space.sample()) for _ in range(5)]
     assert all(0 <= n < size for n in drawn)
-
-
-COMPONENTS = st.lists(st.tuples(SIZES, LOWS), min_size=1, max_size=3).map(
-    lambda pairs: [cr.Component(f"c{i}", n, low=low) for i, (n, low) in enumerate(pairs)]
-)
-
-
-@given(COMPONENTS, st.randoms(use_true_random=False))
-def test_one_point_is_placed_as_arrays_of_them_are(components, random):
-    box = cr.Space(components)
-    points = np.stack(list(box.decode().values()), axis=1)
-    chosen = points[sorted(random.sample(range(len(points)), random.randint(1, len(points))))]
-    for space in (box, cr.Space(components, chosen)):
-        for _ in range(10):
-            values = tuple(random.randint(c.low - 1, c.low + c.size) for c in components)
-            expected = space.encode(**dict(zip(space.names, values, strict=True)))
-            assert space.encode_one(values) == expected
-    assert box.encode_one((0,) * (len(components) + 1)) == MISSING
 
 
 NUMBERS = st.floats(-10, 10)

@@ -20,7 +20,6 @@ from curricle.tasks import (
     key_lock_pit_family,
     maze_family,
     pursuit_family,
-    random_maze,
     task_family,
     taxi_family,
 )
@@ -208,12 +207,6 @@ RELATIVES = {
     "deep_sea": [{"size": 10}, {"size": 6}, 0.99, 0.99],
 }  # fmt: skip
 """Target and source of each family, and the least correlation and agreement of their values."""
-
-
-def test_the_defaults_are_those_of_the_domains():
-    for family in BUILT_IN.values():
-        task = family().task
-        assert task == (random_maze() if family is maze_family else type(task)())
 
 
 @pytest.mark.parametrize("name", BUILT_IN)

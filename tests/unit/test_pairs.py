@@ -1,4 +1,4 @@
-"""The benchmark of pairs: its families, its studies, and the tables printed from their folders."""
+"""The benchmark of pairs: the tables that are printed from the folders of its studies."""
 
 import json
 from pathlib import Path
@@ -6,51 +6,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.pairs import __main__ as tables, pairs
-from benchmarks.pairs.families import FRESH, VERIFICATION
+from benchmarks.pairs import __main__ as tables
 from curricle import compare, evaluate, read_study, run_study, solve
 
-STUDIES = {file.stem: file for file in sorted(Path("benchmarks/pairs").glob("*.toml"))}
+FOLDER = Path("benchmarks/pairs")
 FEW = ["seeds=8", "tasks.target.budget=1_200", "tasks.target.eval_freq=120"]
 ARMS = ["near: less demand", "negated: less demand", "far: half the price"]
+
+
+@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda file: file.stem)
+def test_every_study_is_read(file):
+    assert read_study(file).curricula
 
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     home = tmp_path_factory.mktemp("pairs")
     for place, set in ("pairs", []), ("raw", ["shaping=QInitialisation", "controls=[]"]):
-        study = read_study(STUDIES["stock"], set=[*FEW, *set], arms=ARMS)
+        study = read_study(FOLDER / "stock.toml", set=[*FEW, *set], arms=ARMS)
         run_study(study, home / place / "stock")
     return home
 
 
-def described(pair):
-    return f"{pair.kind}: {pair.label.removesuffix(f', {pair.kind}')}"
-
-
-def test_every_verification_and_fresh_pair_is_an_arm_of_a_study():
-    """But for those whose source learns too long, which a budget that is not stated never does."""
-    listed = [pair for split in ("verification", "fresh") for pair in pairs(split)]
-    kept = {
-        (f"{pair.family}, {pair.target_name}", described(pair)): pair
-        for pair in listed
-        if pair.kind != "too large"
-    }
-    assert len({pair.family for pair in kept.values()}) == len({*VERIFICATION, *FRESH})
-    for study in map(read_study, STUDIES.values()):
-        for arm, plan in study.curricula.items():
-            pair = kept.pop((study.name, arm))
-            assert [edge.scale for edge in plan.transfers] == [pair.scale] * len(pair.mappings)
-            for edge, mapping in zip(plan.transfers, pair.mappings, strict=True):
-                np.testing.assert_array_equal(edge.mapping.index, mapping.index)
-            assert plan.setting("budget", "target") == pair.target_budget
-            assert plan.setting("aggregate", "target") is pair.aggregate
-    assert not kept
-
-
 def test_gains_are_those_of_a_comparison(folders):
     played = tables.Played(str(folders / "pairs/stock"))
-    plan = read_study(STUDIES["stock"], set=FEW, arms=ARMS)
+    plan = read_study(FOLDER / "stock.toml", set=FEW, arms=ARMS)
     expected = compare({arm: plan.curricula[arm] for arm in ARMS}, seeds=8)
     for arm in ARMS:
         gains = expected[arm].strong_gain(expected.scratch) / played.way

@@ -6,18 +6,13 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Text, Tuple
-from gymnasium.utils.env_checker import data_equivalence
-from gymnasium.vector.utils import concatenate, create_empty_array
-from hypothesis import given, strategies as st
+from gymnasium.spaces import Dict, Discrete, Tuple
 
 import curricle as cr
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.gymnasium import observation_task
 from curricle.interop.potential_shaping import PotentialShaping
 from curricle.learning.value_lookup import no_sources
-from curricle.tasks.observation_task import stack
-from curricle.transfer.aggregate import aggregate, aggregate_numbers
 from curricle.transfer.mapping import FunctionValues, TableValues
 from curricle.transfer.potential import ObservationPotential
 from tests.support.refusals import check_values
@@ -243,31 +238,3 @@ def test_a_potential_over_observations_states_the_discount_and_the_space():
         PotentialShaping(world(observe=as_picture, space=PICTURE), phi)
     with pytest.raises(SettingError, match="a discount must be given"):
         PotentialShaping(world(), TableValues(np.zeros((N_STATES, 1))))
-
-
-@given(st.data())
-def test_observations_are_stacked_as_gymnasium_stacks_them(data):
-    spaces = [
-        PICTURE,
-        Discrete(7, start=3),
-        MultiDiscrete([2, 3]),
-        MultiBinary(4),
-        SEEN["dicts"][0],
-    ]
-    space = data.draw(st.sampled_from([*spaces, SEEN["tuples"][0], Text(5)]))
-    space.seed(data.draw(st.integers(0, 99)))
-    rows = [space.sample() for _ in range(data.draw(st.integers(1, 4)))]
-    expected = concatenate(space, rows, create_empty_array(space, len(rows)))
-    assert data_equivalence(stack(space, rows), expected, exact=True)
-
-
-def sideways(potentials):
-    return potentials[0] - 1
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=12))
-def test_numbers_are_aggregated_as_arrays_are(numbers):
-    column = np.array(numbers).reshape(-1, 1, 1)
-    for function in (cr.mean, cr.total, cr.maximum, cr.minimum, sideways):
-        expected = aggregate(function, column)[0, 0]
-        assert aggregate_numbers(function, numbers) == pytest.approx(expected, rel=1e-12, abs=1e-7)

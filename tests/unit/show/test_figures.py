@@ -18,7 +18,6 @@ from curricle.learning.result import ends_of
 from curricle.pictures.views import GridView
 from curricle.show.plots import draw_comparison, draw_learning_curves, draw_potential, plot
 from curricle.statistics.curves import Curve
-from curricle.statistics.intervals import extremes
 from curricle.study.results import StudyResults
 
 from .studies import labelled, texts_of
@@ -147,13 +146,6 @@ def test_discounted_returns_of_a_tabulated_task_are_possible():
     task = cr.interop.tabulate("CliffWalking-v1", discount=0.9, time_limit=20)
     highest = ends_of(cr.learn(task, budget=20, eval_freq=20))[1]
     assert highest == pytest.approx(-(1 - 0.9**13) / 0.1)  # undiscounted it is -13
-
-
-def test_few_curves_do_not_tell_what_returns_can_be():
-    rows = np.arange(5.0)[:, None] + np.zeros(4)
-    assert extremes([rows]) == extremes([rows[:2], rows[2:]]) == (0, 4)
-    assert extremes([rows[:4]]) == (-np.inf, np.inf)
-    assert extremes([np.full((5, 4), np.nan)]) == (-np.inf, np.inf)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf", ".PNG"])
