@@ -30,11 +30,16 @@ __all__ = [name for name in _offered if name not in _packages]
 
 
 def __getattr__(name):
+    if name not in _offered:
+        said = f"curricle has no {name}{_meant(name)}"
+        raise AttributeError(said, name=name, obj=None)  # without an object Python does not guess
     try:
         return _attribute(name)
-    except AttributeError:
-        said = f"curricle has no {name}{_meant(name)}"
-        raise AttributeError(said, name=name, obj=None) from None  # or Python would add its guess
+    except AttributeError as error:  # `from curricle import` would take it for an unknown name
+        raise ImportError(
+            f"curricle.{name} cannot be imported: {error}; does a file beside the script have the "
+            "name of a module that it hides?"
+        ) from error
 
 
 def _meant(name):

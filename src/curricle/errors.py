@@ -19,16 +19,20 @@ CurricleError: it describes an exception in another process whose class cannot b
 """
 
 import re
+import sysconfig
 from concurrent.futures import BrokenExecutor
+from pathlib import Path
+from traceback import walk_tb
 
 LONGEST, SHOWN_END = 1500, 400  # characters of a sentence, and of its end: the way out
 MOST_LINES = 100  # mistakes in a study file that are listed
+OWN_MODULE = re.compile(r"\bcurricle_study_[0-9a-f]{16}\.")  # the package of a study's modules
 PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")  # user and password, which stand before a URL's host
 
 
 def _sentence(text: str) -> str:
-    """Return a text on one line, cut in the middle where it is long, without passwords."""
-    line = PASSWORD.sub("//...@", " ".join(text.splitlines()))
+    """Return a text on one line, cut in the middle where it is long, without what is secret."""
+    line = OWN_MODULE.sub("", PASSWORD.sub("//...@", " ".join(text.splitlines())))
     if len(line) <= LONGEST:
         return line
     return f"{line[: LONGEST - SHOWN_END - 7]} [...] {line[-SHOWN_END:]}"
@@ -97,7 +101,34 @@ def reason(error: Exception) -> str:
 
 
 def in_words(error: BaseException) -> str:
-    """Return an error's message, after its type unless it is an error of the library."""
+    """Return an error's message; of one of foreign code its type, and where it was raised."""
     if isinstance(error, CurricleError | ForeignError):
         return str(error)
-    return f"{type(error).__name__}: {error}"
+    try:
+        text = f": {error}" if str(error) else ""
+    except Exception:  # of the user's class
+        text = ", which has no text"
+    notes = getattr(error, "__notes__", ())
+    place = next((note for note in notes if note.startswith(RAISED)), "") or place_of(error)
+    return f"{type(error).__name__}{text}" + f" ({place})" * bool(place)
+
+
+RAISED = "raised in "
+
+
+def place_of(error: BaseException) -> str:
+    """Return the file, line and function of a user's code that raised an error; "" if none did."""
+    schemes = ("stdlib", "platstdlib", "purelib", "platlib")
+    others = (str(Path(__file__).parent), *map(sysconfig.get_path, schemes), "<")
+    frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]
+    own = [frame for frame in frames if not frame[0].co_filename.startswith(others)]
+    if not own:
+        return ""
+    code, line = own[-1]
+    return f"{RAISED}{code.co_name} of {Path(code.co_filename).name}, line {line}"
+
+
+def note_place(error: BaseException, doing: str = "") -> None:
+    """Note where a user's code raised an error, and what for, for :func:`in_words`."""
+    if (place := place_of(error)) and not isinstance(error, CurricleError):
+        error.add_note(place + doing)

@@ -62,6 +62,11 @@ class Patient(Robot):
         return super().step(action)[:3] + ({},)
 
 
+class Astray(Robot):
+    def reset(self, **settings):
+        return np.array([9, 0]), {}
+
+
 class Tired(Robot):  # its battery ends random episodes long before the class truncates
     def __init__(self, size=5, battery=9):
         super().__init__(size)
@@ -141,6 +146,7 @@ def test_a_dict_names_its_numbers(robots):
     ("name", "said"),
     [
         ("Patient", r"must return .*: got .*; .*shimmy"),
+        ("Astray", r"must lie in the .*observation_space, Box\(.*: got array\(\[9, 0\]"),
         ("Needy", "1 required positional argument: 'size'; give its arguments defaults, or name a"),
         ("Robots", "robots has no Robots to call, did you mean 'Robot'"),
     ],

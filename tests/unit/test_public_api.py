@@ -82,6 +82,15 @@ def test_import_alone_loads_nothing_heavy(heavy):
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+def test_a_module_that_a_users_file_hides_is_told(tmp_path):
+    (tmp_path / "coverage.py").write_text("")
+    (tmp_path / "script.py").write_text("from curricle import learn")
+    told = subprocess.run(
+        [sys.executable, tmp_path / "script.py"], check=False, capture_output=True, text=True
+    ).stderr.splitlines()[-1]
+    assert told.startswith("ImportError: curricle.learn cannot be imported: module 'coverage' has")
+
+
 def test_public_dataclasses_are_frozen():
     assert [kind for kind in DATACLASSES if not kind.__dataclass_params__.frozen] == []
 

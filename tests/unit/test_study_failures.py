@@ -24,7 +24,10 @@ def mean(values):
         raise LookupError("a rule of the thesis is not met")
     return np.mean(values, axis=0)
 """
-WORDS = "state: easy, seeds 0-1: LookupError: a rule of the thesis is not met"
+WORDS = (
+    "state: easy, seeds 0-1: LookupError: a rule of the thesis is not met (raised in mean of "
+    "rules.py, line 9)"
+)
 
 
 @pytest.fixture

@@ -258,7 +258,11 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(tmp_path, monkeypatch, cal
     ("body", "text"),
     [
         ("return 3", "a task must be a FiniteMDP or have its tables as .mdp: got 3"),
-        ("return 1 / 0", "own:make failed: ZeroDivisionError: division by zero"),
+        (
+            "return 1 / 0",
+            "own:make failed: ZeroDivisionError: division by zero (raised in make of own.py, "
+            "line 3)",
+        ),
         ("return cr.GridWorld('S')", "a map needs a treasure T: there is none"),
     ],
 )

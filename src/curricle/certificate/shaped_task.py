@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import number, one_of
-from curricle.errors import PotentialError, SettingError
+from curricle.errors import PotentialError, SettingError, in_words
 from curricle.learning.potential import LARGEST_POTENTIAL, PairPotential, StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
@@ -130,8 +130,8 @@ def shaping_rewards(
         rewards = function(s, a, after)
     except Exception as error:
         raise PotentialError(
-            f"a shaping reward must take arrays of states, actions and next states: it raised "
-            f"{type(error).__name__}: {error}"
+            "a shaping reward must take arrays of states, actions and next states: it raised "
+            f"{in_words(error)}"
         ) from error
     try:
         values = np.broadcast_to(np.asarray(rewards, np.float64), (len(s),))

@@ -489,7 +489,14 @@ def paper(
 
 def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
-    from curricle.errors import CurricleError, LostStoreError, StudyError
+    from curricle.errors import (
+        CurricleError,
+        ForeignError,
+        LostStoreError,
+        StudyError,
+        in_words,
+        place_of,
+    )
 
     # Imports make objects that stay: searching them took a tenth of the time.
     gc.set_threshold(50_000, 20, 50)
@@ -511,5 +518,9 @@ def main() -> None:
         sentence = f"{place}{error.strerror or error}"
     except MemoryError:
         sentence = "there is not enough memory for this study on this machine"
+    except (Exception, GeneratorExit) as error:
+        if not (place_of(error) or isinstance(error, ForeignError)):
+            raise  # a mistake of the library
+        sentence = in_words(error)
     echo(f"curricle: {sentence}", err=True)
     sys.exit(code)

@@ -581,8 +581,16 @@ class Number:
         """Return the number of a point, negative where it is not in the space."""
         try:
             return self._points.encode_one(tuple(_numbers(self.space, point)))
-        except (TypeError, ValueError):  # of what is no whole number, or no array of them
+        except (TypeError, ValueError, LookupError):  # of no whole number, or without a part
             return MISSING
+
+    def check_observation(self, observation: object) -> None:
+        """Raise TaskError unless an observation is in the space."""
+        if self(observation) == MISSING:
+            raise TaskError(
+                "an observation must lie in the environment's observation_space, "
+                f"{brief(self.space)}: got {brief(observation)}"
+            )
 
     @cached_property
     def _points(self) -> Space:

@@ -26,6 +26,7 @@ from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import CONSTANT, Schedule, schedule
 from curricle.tasks.mdp import generative_model
+from curricle.tasks.models import flag_of
 from curricle.tasks.observation_task import stack
 from curricle.tasks.spaces import Space
 from curricle.transfer import aggregate as aggregation
@@ -486,6 +487,7 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
         observation, reward, terminated, truncated, info = self.env.step(action)
         reward = np.asarray(reward).item()  # some environments return arrays of shape (1,)
         check_unshaped(info)
+        flag_of(terminated), flag_of(truncated)  # refuses others
         done = self._episodes.step([observation], [reward], [terminated], [truncated])
         shaping, *terms = done.shaping[0]
         shown = {

@@ -27,11 +27,11 @@ from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RecordEpisodeS
 
 from curricle.arrays import IntArray
 from curricle.checks import number
-from curricle.errors import SettingError, TaskError
+from curricle.errors import SettingError, TaskError, in_words, note_place
 from curricle.interop.tabulated_task import same_observation
 from curricle.tasks.live import RETURNED, action_mask, seeded_reset, wrong_parts
 from curricle.tasks.mdp import SINGLE_PRECISION
-from curricle.tasks.models import number_of
+from curricle.tasks.models import flag_of, number_of
 from curricle.tasks.observation_task import layers_of
 from curricle.tasks.spaces import entry_names
 
@@ -403,7 +403,7 @@ def copied(env: object) -> tuple[Any, dict[int, Any]]:
         raise TaskError(
             "an environment that cannot be copied needs functions state=(save, restore) to be "
             "tabulated; from_gymnasium plays it live, and observation_task makes a network's task "
-            f"of it: copying {env} failed with {type(error).__name__}: {error}"
+            f"of it: copying {env} failed with {in_words(error)}"
         ) from error
 
 
@@ -516,9 +516,16 @@ class Search:
             for action in range(n_actions):
                 if available is not None and not available[action]:
                     continue
-                for reached in stepper.outcomes(content, action):
-                    pair, after = number * n_actions + action, self._number(reached)
-                    self._add(pair, after, reached.probability, reached.reward)
+                try:
+                    for reached in stepper.outcomes(content, action):
+                        pair, after = number * n_actions + action, self._number(reached)
+                        self._add(pair, after, reached.probability, reached.reward)
+                except Exception as error:
+                    parts = (f"{k} {v}" for k, v in self.states[number].components.items())
+                    note_place(
+                        error, f", for action {action} in state {number} ({', '.join(parts)})"
+                    )
+                    raise
                 now, n_states = time.perf_counter(), len(self.states)
                 if now - began > self.max_seconds:
                     raise TaskError(
@@ -589,7 +596,7 @@ class Search:
             parts = dict[str, list[int | str]]()
             for name, value in components.items():
                 # Entries that some states lack are those of a list that grows.
-                whole = name if name in everywhere else name.rstrip("0123456789").rstrip("_")
+                whole = name if name in everywhere else name.rstrip("0123456789_")
                 parts.setdefault(whole, []).append(value)
             for name, part in parts.items():
                 values.setdefault(name, set()).add(tuple(part))
@@ -705,7 +712,7 @@ class World:
         if not math.isfinite(earned):
             raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
         chance = 1.0 if self.samples is None else 1 / self.samples
-        ends = {"terminated": bool(terminated), "truncated": bool(truncated)}
+        ends = {"terminated": flag_of(terminated), "truncated": flag_of(truncated)}
         return self._reached(env, observed, info, chance, earned, **ends)
 
     def _returned(self, by: str, returned: object) -> tuple[Any, ...]:
@@ -814,7 +821,7 @@ class ListedOutcomes:
                 ) from error
             total += chance
             if chance > 0:
-                yield self._reached(chance, after, reward, ended=bool(ended))
+                yield self._reached(chance, after, reward, ended=flag_of(ended, "terminated"))
         if outcomes and abs(total - 1) > SINGLE_PRECISION:
             raise TaskError(
                 f"transition probabilities must sum to 1: action {action} in {content!r} sums to "

@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from curricle.errors import SettingError
+from curricle.errors import SettingError, in_words
 from curricle.learning.result import LearningResult
 
 CURVES = {
@@ -88,7 +88,7 @@ class Trackers:
                 call(tracker)
             except Exception as error:
                 self._working = [other for other in self._working if other is not tracker]
-                reason = " ".join(f"{type(error).__name__}: {error}".split())
+                reason = " ".join(in_words(error).split())
                 name = type(tracker).__name__
                 self._report(f"{name} failed {place} and is switched off: {reason}")
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import FloatArray, FloatTable, Frozen, IntArray, frozen, refrozen
-from curricle.checks import BEYOND_64_BITS, indices, number, numbers, whole_number
+from curricle.checks import BEYOND_64_BITS, brief, indices, number, numbers, whole_number
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule
 from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows
@@ -124,7 +124,10 @@ class StatePotential(Frozen):
         here = self.at(step)[numbered_states(self.task, state)]
         there = self.at(step + 1)[numbered_states(self.task, next_state)]
         if terminated is not None:
-            there = np.where(np.asarray(terminated, dtype=np.bool_), 0.0, there)
+            ended = np.asarray(terminated)
+            if not ((ended == 0) | (ended == 1)).all():
+                raise PotentialError(f"terminated must be True or False: got {brief(terminated)}")
+            there = np.where(ended == 1, 0.0, there)
         elif generative.terminal is None:
             raise PotentialError(
                 "the potential is 0 where an episode has ended, and this task does not know its "

@@ -21,7 +21,7 @@ from tempfile import mkdtemp
 from threading import Lock
 from typing import Any
 
-from curricle.errors import CurricleError, EngineError, ForeignError, in_words
+from curricle.errors import CurricleError, EngineError, ForeignError, in_words, note_place
 from curricle.study.arms import Arms, UnitInput, train_unit
 from curricle.study.store import UnitContent
 from curricle.study_file.own_code import PACKAGES, own_files
@@ -111,7 +111,8 @@ def train_sent(sent: UnitInput) -> UnitContent | Exception:
 
 def _sendable(error: Exception) -> Exception:
     """Return an error without causes; if it cannot be sent, an error with the same text."""
-    text = "".join(traceback.format_exception(error))
+    text, words = "".join(traceback.format_exception(error)), in_words(error)
+    note_place(error)
     error.__cause__ = error.__context__ = error.__traceback__ = None
     try:  # can a process without the user's modules read the error unchanged?
         content = pickle.dumps(error)
@@ -125,7 +126,7 @@ def _sendable(error: Exception) -> Exception:
         if isinstance(error, CurricleError):  # a user's subclass of an error of the library
             module = CurricleError.__module__
             kind = next(parent for parent in type(error).__mro__ if parent.__module__ == module)
-        error = kind(in_words(error))
+        error = kind(words)
     error.add_note(text)
     return error
 

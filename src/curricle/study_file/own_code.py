@@ -20,7 +20,7 @@ from types import ModuleType
 from typing import Any
 
 from curricle.checks import listed
-from curricle.errors import ConfigError, CurricleError
+from curricle.errors import ConfigError, CurricleError, in_words
 from curricle.files import digest_of
 
 # -- Functions that a study file names as ``module:function`` --------------------------------------
@@ -99,8 +99,12 @@ def users_code(reference: str) -> Iterator[None]:
         yield
     except CurricleError:
         raise
-    except (Exception, SystemExit) as error:  # a script's sys.exit would end the command as done
-        raise ConfigError(f"{reference} failed: {type(error).__name__}: {error}") from error
+    except (
+        Exception,
+        SystemExit,
+        GeneratorExit,
+    ) as error:  # sys.exit would end the command as done
+        raise ConfigError(f"{reference} failed: {in_words(error)}") from error
 
 
 def _module(name: str, folder: Path) -> ModuleType | None:

@@ -14,7 +14,7 @@ from numba.core import cgutils
 
 from curricle.arrays import BoolArray, FloatTable
 from curricle.checks import brief, instance
-from curricle.errors import TaskError
+from curricle.errors import ForeignError, TaskError, in_words, note_place
 from curricle.tasks.kernel import inlined, lowered, splitmix64
 from curricle.tasks.models import (
     LARGEST_REWARD,
@@ -26,6 +26,7 @@ from curricle.tasks.models import (
     drawn_among_available,
     evaluation_model,
     first_state,
+    flag_of,
     has_failed,
     number_of,
     opened,
@@ -297,15 +298,24 @@ def _player(
                         f"{REWARD_RULE}: the environment returned {reward!r} for action "
                         f"{action_name(task.actions, action)} in {state_name(task.states, state)}"
                     )
+                if type(terminated) is not bool or type(truncated) is not bool:
+                    terminated, truncated = flag_of(terminated), flag_of(truncated)
                 state = number(observation)
                 if masks and not terminated:
                     close(state, info)
                 action = yield state, earned, terminated, truncated
             begun = reset()
-    except GeneratorExit:
-        raise
     except BaseException as error:
-        raised.append(error)
+        own = error.__traceback__ is not None and error.__traceback__.tb_next is not None
+        if isinstance(error, GeneratorExit) and not own:
+            raise  # at a yield: this generator is closed
+        doing = ""
+        if action not in (None, RESET):
+            name = action_name(task.actions, action).removeprefix("action ")
+            doing = f", for action {name} in {state_name(task.states, state)}"
+        note_place(error, doing)
+        stops = not isinstance(error, Exception | KeyboardInterrupt | SystemExit)
+        raised.append(ForeignError(in_words(error)) if stops else error)
     while True:
         yield BROKEN_DOWN
 
@@ -397,6 +407,7 @@ def wrong_parts(method: str, returned: object) -> str:
 def numbering(task: LiveMDP) -> Callable[[Any], int]:
     """Return the function from an observation to the number of its state, checked."""
     encode, encode_one, size = task.encode, task.states.encode_one, task.states.size
+    checked = getattr(encode, "check_observation", None)
 
     def number(observation: Any) -> int:
         encoded = observation if encode is None else encode(observation)
@@ -406,9 +417,11 @@ def numbering(task: LiveMDP) -> Callable[[Any], int]:
             state = MISSING
         if 0 <= state < size:
             return state
+        if checked is not None:
+            checked(observation)
         raise TaskError(
             f"an observation must encode to a state, a number in 0..{size - 1} or the values of "
-            f"{', '.join(task.states.names)}: {observation!r} gives {encoded!r}"
+            f"{', '.join(task.states.names)}: {brief(observation)} gives {brief(encoded)}"
         )
 
     return number

@@ -15,7 +15,7 @@ from numba.core.errors import NumbaError
 from numba.extending import overload
 
 from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray, frozen
-from curricle.checks import instance, number, whole_number
+from curricle.checks import brief, instance, number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.kernel import (
     INLINED,
@@ -42,6 +42,16 @@ def number_of(reward: Any) -> float:
         return np.nan if isinstance(plain, str | bytes) else float(plain)
     except (TypeError, ValueError, OverflowError):
         return np.nan
+
+
+def flag_of(value: Any, name: str = "terminated and truncated") -> bool:
+    """Return a flag as a bool; TaskError where it is not True or False, 1 or 0."""
+    plain = (
+        value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
+    )
+    if isinstance(plain, int | float) and plain in (0, 1):
+        return bool(plain)
+    raise TaskError(f"{name} must be True or False: got {brief(value)}")
 
 
 class Timed(Protocol):

@@ -15,7 +15,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from gymnasium.vector.utils import concatenate, create_empty_array
 
-from curricle.errors import CurricleError, TaskError
+from curricle.errors import CurricleError, TaskError, in_words
 from curricle.files import short_digest
 from curricle.tasks.models import check_horizon
 
@@ -45,7 +45,7 @@ class EnvironmentMaker:
             raise
         except Exception as error:
             raise TaskError(
-                f"{rule}: {_text(self.encode)} failed with {type(error).__name__}: {error}; "
+                f"{rule}: {_text(self.encode)} failed with {in_words(error)}; "
                 "gymnasium.wrappers.TransformObservation applies a function to observations"
             ) from error
         if not isinstance(encoded, gymnasium.Env):

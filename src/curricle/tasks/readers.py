@@ -13,6 +13,7 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, indices, numbers
 from curricle.errors import TaskError
+from curricle.tasks.models import flag_of
 from curricle.tasks.spaces import Space
 
 MOST_ACTIONS = 2**15  # an action of a larger number is a mistake, where most are not listed
@@ -220,10 +221,11 @@ def terminal_states(
                 probability, after, _, ended = (*outcome, flags.get(outcome[1]))[:4]
                 if probability == 0:
                     continue
+                ended = bool(ended) if len(outcome) < 4 else flag_of(ended, "terminated")
                 if not ended and after not in reached:
                     reached.add(after)
                     waiting.append(int(after))
-                if flags.setdefault(after, bool(ended)) != bool(ended):
+                if flags.setdefault(after, ended) != ended:
                     raise TaskError(
                         "entering a state must end the episode always or never, as terminal has "
                         f"it where it is given: state {after} does both, at last from state {s}, "

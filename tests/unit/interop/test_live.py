@@ -1,11 +1,14 @@
 """Live tasks: learning in them, and what goes wrong in an environment surfaces as it is."""
 
+import re
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
 
 import curricle as cr
+from curricle.errors import in_words
 from curricle.planning.rollouts import random_rollouts
 
 from .environments import OFF, TWO, Ring, Watched, watched
@@ -222,10 +225,71 @@ def odd(method, answer):
             (odd("step", (0, reward, False, False, {})), "rewards must be finite")
             for reward in (None, np.nan, -np.inf, 1e101, 10**400)
         ),
+        *(
+            (odd("step", (0, 1.0, *ends, {})), "must be True or False: got ('no'|None|2|\\[\\])")
+            for ends in (("no", False), (False, None), (2, False), (True, []))
+        ),
     ],
 )
 def test_answers_that_are_not_gymnasiums_are_refused(task, message):
     with pytest.raises(cr.errors.TaskError, match=message):
+        cr.learn(task, budget=10, evaluation=OFF)
+
+
+@pytest.mark.parametrize("end", [1, np.True_, np.array([True]), 1.0])
+def test_flags_may_be_numbers(end):
+    task = odd("step", (0, 1.0, end, 0, {}))
+    assert cr.learn(task, budget=10, evaluation=OFF).episodes_used[0] == 10
+
+
+class Untold(Exception):
+    def __str__(self):
+        raise RuntimeError
+
+
+def failing(method, error):
+    def fails(self, *_, **__):
+        raise error
+
+    return type("Fails", (Ring,), {method: fails})
+
+
+PLACE = r"\(raised in fails of test_live.py, line \d+"
+
+
+@pytest.mark.parametrize(
+    ("method", "error", "words"),
+    [
+        ("step", KeyError("no"), rf"KeyError: 'no' {PLACE}, for action [01] in state 0\)"),
+        ("step", GeneratorExit(), rf"GeneratorExit {PLACE}, for action [01] in state 0\)"),
+        ("step", Untold(), rf"Untold, which has no text {PLACE}, for action [01] in state 0\)"),
+        ("reset", KeyError("no"), rf"KeyError: 'no' {PLACE}\)"),
+    ],
+)
+def test_an_error_of_an_environment_has_a_place(method, error, words):
+    with pytest.raises(Exception) as caught:  # noqa: PT011 - of several kinds
+        cr.learn(cr.from_gymnasium(failing(method, error), discount=0.9, live=True), budget=50)
+    assert re.fullmatch(words, in_words(caught.value))
+
+
+def test_an_error_of_a_tabulated_environment_has_a_place():
+    with pytest.raises(KeyError) as caught:
+        cr.tabulate(failing("step", KeyError("no")), discount=0.9)
+    assert re.search(rf"{PLACE}, for action 0 in state 0 \(.*\)\)$", in_words(caught.value))
+
+
+def test_an_observation_without_a_part_is_refused_at_the_first_reset():
+    class Partial(Ring):
+        def __init__(self):
+            super().__init__()
+            self.observation_space = spaces.Dict(a=TWO, b=TWO)
+
+        def reset(self, **_):
+            return {"a": 0}, {}
+
+    task = cr.from_gymnasium(Partial, discount=0.9, live=True)
+    says = r"observation_space, Dict\('a': Discrete\(2\), 'b': .*: got \{'a': 0\}"
+    with pytest.raises(cr.errors.TaskError, match=says):
         cr.learn(task, budget=10, evaluation=OFF)
 
 

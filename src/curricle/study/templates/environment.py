@@ -27,6 +27,7 @@ from curricle.comparison.opponents import visited_states
 from curricle.curriculum.curriculum import SOURCES_SHARE
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.gymnasium import (
+    Number,
     actions_of,
     from_gymnasium,
     has_table,
@@ -88,6 +89,8 @@ class Play:
         env, rng, states = self.env, np.random.default_rng(seed), list[Any]()
         over = cut = False
         observed, info = checked_parts("reset", seeded_reset(env, seed))
+        if is_discrete(env.observation_space):
+            Number(env.observation_space).check_observation(observed)
         self.masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
         while True:
             leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
