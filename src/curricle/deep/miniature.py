@@ -60,13 +60,9 @@ class Knowledge(Frozen):
         stacked = {
             name: np.concatenate([leaves[name] for leaves in leaves_of]) for name in leaves_of[0]
         }
-        return cls._merged(
-            assembled(stacked),
-            np.concatenate([part.values for part in parts]),
-            np.concatenate([part.action_values for part in parts]),
-            np.concatenate([part.policy for part in parts]),
-            np.concatenate([part.states for part in parts]),
-        )
+        names = "values", "action_values", "policy", "states"
+        columns = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+        return cls._merged(assembled(stacked), *columns)
 
     @property
     def alike(self) -> float:

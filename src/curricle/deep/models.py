@@ -30,10 +30,10 @@ from curricle.deep.vec_env import ShapedVecEnv
 from curricle.deep.ways_in import begin_near, carry_over, kickstarted, reusing
 from curricle.errors import CurricleError, SettingError
 from curricle.interop.tabulated_task import needs_of
-from curricle.learning.record import Record
+from curricle.learning.record import Checkpoint, Record, note
 from curricle.learning.result import Outcome
 from curricle.learning.shaping import Shaping, StateShaping
-from curricle.learning.stopping import Budget, StoppingKernel, ended_by, limits, stops
+from curricle.learning.stopping import Budget, StoppingKernel, ended_by, limits
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import nothing
 from curricle.tasks.kernel import splitmix64, stream_start
@@ -345,14 +345,11 @@ class Recorder(BaseCallback):
 
     def _record(self, greedy: float) -> bool:
         """Record a checkpoint and return whether the stopping rule ends the run there."""
-        record, number = self.record, self.checkpoint
-        record.greedy_return[number] = greedy
-        record.episodes[number] = self.episodes
-        if self.returns:
-            record.training_return[number] = np.mean(self.returns)
-            self.returns.clear()
+        step = self.checkpoint * self.run.eval_freq
+        ended = len(self.returns), float(np.sum(self.returns))
+        reached = Checkpoint(self.checkpoint, step, self.episodes, *ended, greedy, np.nan)
+        self.returns.clear()
         self.checkpoint += 1
         self.run.reached()
-        step = number * self.run.eval_freq
-        record.stopped[0] = stops(self.run.stopping, record.greedy_return, number, step)
-        return bool(record.stopped[0])
+        noted = self.record, self.run.stopping, reached, None, None  # without snapshots
+        return bool(note(*noted))  # type: ignore[no-untyped-call]
