@@ -11,8 +11,7 @@ from curricle.checks import one_of
 from curricle.errors import TaskError
 from curricle.tasks.domain import Discount, Domain, TimeLimit, family_of, numbered_names
 from curricle.tasks.family import ComponentsByName, FamilyMember, Rule
-from curricle.tasks.grid import cut, read_map
-from curricle.tasks.layout import Cell, GridLayout
+from curricle.tasks.grid import Cell, GridLayout, cut, read_map
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
 

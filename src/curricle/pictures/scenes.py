@@ -19,11 +19,9 @@ from markupsafe import Markup
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from curricle.arrays import IntArray, frozen
-from curricle.pictures.layout import layout_of
-from curricle.pictures.views import GridView, marker_letters, stacked
-from curricle.tasks.grid import MOVES
+from curricle.pictures.views import GridView, layout_of, marker_letters, stacked
+from curricle.tasks.grid import LETTERS, MOVES, GridLayout
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.layout import LETTERS, GridLayout
 from curricle.tasks.live import LiveMDP, reset_state
 from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 from curricle.tasks.pursuit import Pursuit

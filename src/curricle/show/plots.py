@@ -46,8 +46,8 @@ from curricle.show.style import (
 from curricle.statistics.curves import SCRATCH, Curve, asymptotic_performance, smooth
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import CONFIDENCE, mean_interval
+from curricle.tasks.grid import LETTERS
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.layout import LETTERS
 from curricle.tasks.mdp import Task, generative_model
 from curricle.text import minus
 

@@ -27,7 +27,7 @@ from curricle.show.style import (
     value_scale,
 )
 from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord
-from curricle.tasks.layout import LETTERS
+from curricle.tasks.grid import LETTERS
 from curricle.text import counted, minus, rounded
 
 MOST_MOMENTS = 48  # moments of one training at most

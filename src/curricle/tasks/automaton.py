@@ -18,7 +18,7 @@ import numpy.typing as npt
 from curricle.arrays import FloatArray, Frozen, IntArray
 from curricle.checks import number, text
 from curricle.errors import TaskError
-from curricle.tasks.layout import GridLayout
+from curricle.tasks.grid import GridLayout
 from curricle.tasks.mdp import FiniteMDP, tables
 from curricle.tasks.spaces import Component, Decoded, Space
 

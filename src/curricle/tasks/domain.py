@@ -17,8 +17,7 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, Frozen, IntArray, frozen
 from curricle.errors import TaskError
 from curricle.tasks.family import Parameter, Rule, TaskFamily, parameters_of, rules_of
-from curricle.tasks.grid import MOVES, Grid, cell_of, cut, read_map
-from curricle.tasks.layout import GridLayout
+from curricle.tasks.grid import MOVES, Grid, GridLayout, cell_of, cut, read_map
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import LARGEST_REWARD, check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space

@@ -12,8 +12,7 @@ from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import Discount, Domain, GridDomain, TimeLimit, family_of
 from curricle.tasks.family import FamilyMember, Rule
-from curricle.tasks.grid import Grid
-from curricle.tasks.layout import GridLayout
+from curricle.tasks.grid import Grid, GridLayout
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
 from curricle.tasks.spaces import Component, Space, whole
 

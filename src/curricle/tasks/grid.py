@@ -1,7 +1,7 @@
-"""Grids of cells: maps drawn in text, which cells they have, and where moves lead."""
+"""Grids of cells: maps drawn in text, where moves lead, and where the states of a task lie."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -9,11 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, Frozen, IntArray, adopted, frozen
+from curricle.checks import one_of
 from curricle.errors import TaskError
-from curricle.tasks.layout import Cell
 from curricle.tasks.spaces import MISSING, Component, Space, whole
 from curricle.text import counted
 
+Cell = tuple[int, int]  # row and column
+LETTERS = {"treasure": "T", "fire": "F", "pit": "P", "goal": "G", "key": "K", "lock": "L"}
+LETTERS |= {"exit": "E"}
+"""Of the objects on a grid."""
 MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 """Name -> rows and columns that a move goes."""
 
@@ -76,6 +80,40 @@ def in_proportion(values: IntArray, marks: list[int], images: list[int]) -> IntA
     rising, first = np.unique(marks, return_index=True)
     read = np.interp(values, rising, np.array(images)[first])
     return np.asarray(np.rint(read), dtype=np.int64)
+
+
+# -- where the states of a task lie: what it may say of it, and pictures read ----------------------
+
+
+@dataclass(frozen=True, eq=False)
+class GridLayout:
+    """The cell of each state of a task, and the objects in cells; a task offers it as `layout`."""
+
+    cells: IntArray  # row and column of the agent in each state, (S, 2)
+    components: tuple[str, ...]
+    """The components of a state that say where the agent is; a picture fixes the others."""
+    shape: tuple[int, int]  # rows and columns
+    origin: Cell = (0, 0)  # row and column of the top-left cell
+    objects: tuple[tuple[str, int, int, bool], ...] = ()
+    """Name (treasure, goal, exit, pit, fire, key or lock), row and column of an object in a cell,
+    and whether entering it ends the episode."""
+    walls: IntArray | None = None
+    """Rows and columns of walls, (m, 2); None where all cells without a state are walls."""
+    markers: Mapping[str, IntArray] = field(default_factory=dict)
+    """Other moving objects: name -> row and column in each state, (S, 2)."""
+
+    def __post_init__(self) -> None:
+        for name, *_ in self.objects:
+            one_of("an object of a layout", name, tuple(LETTERS), TaskError)
+
+    @property
+    def wall_cells(self) -> IntArray:
+        """Row and column of each wall, (m, 2)."""
+        if self.walls is not None:
+            return self.walls
+        free = np.zeros(self.shape, bool)
+        free[tuple((self.cells - self.origin).T)] = True
+        return np.argwhere(~free) + self.origin
 
 
 # -- maps drawn in text ----------------------------------------------------------------------------

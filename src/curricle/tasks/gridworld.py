@@ -15,9 +15,8 @@ from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.domain import Discount, MapDomain, MapStart, TimeLimit
 from curricle.tasks.family import Rule, TaskFamily
-from curricle.tasks.grid import landing
+from curricle.tasks.grid import Cell, landing
 from curricle.tasks.kernel import STRIDE, splitmix64, stream_start, uniform
-from curricle.tasks.layout import Cell
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space

@@ -20,8 +20,7 @@ from curricle.tasks.domain import (
     numbered_names,
 )
 from curricle.tasks.family import FamilyMember, Rule
-from curricle.tasks.grid import MOVES, Grid, cell_of, in_proportion, part_of
-from curricle.tasks.layout import Cell
+from curricle.tasks.grid import MOVES, Cell, Grid, cell_of, in_proportion, part_of
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Decoded, Space
 

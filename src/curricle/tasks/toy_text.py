@@ -18,8 +18,7 @@ from curricle.tasks.domain import (
     family_of,
 )
 from curricle.tasks.family import ComponentsByName, Rule
-from curricle.tasks.grid import Grid, cell_space, landing
-from curricle.tasks.layout import Cell, GridLayout
+from curricle.tasks.grid import Cell, Grid, GridLayout, cell_space, landing
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Space
 

@@ -16,7 +16,6 @@ import curricle as cr
 from curricle import Pursuit, tasks
 from curricle.errors import SettingError
 from curricle.interop.gymnasium import to_gymnasium
-from curricle.pictures.layout import layout_of
 from curricle.pictures.scenes import (
     AGENT,
     FIGURES,
@@ -26,7 +25,7 @@ from curricle.pictures.scenes import (
     predator,
     scene_of,
 )
-from curricle.pictures.views import GridView
+from curricle.pictures.views import GridView, layout_of
 from curricle.show.notebook import register_with
 from tests.unit.interop.environments import TASKS, WALLED
 
