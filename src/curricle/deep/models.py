@@ -31,9 +31,9 @@ from curricle.deep.ways_in import begin_near, carry_over, kickstarted, reusing
 from curricle.errors import CurricleError, SettingError
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Checkpoint, Record, note
-from curricle.learning.result import Outcome
+from curricle.learning.result import Outcome, ended_by
 from curricle.learning.shaping import Shaping, StateShaping
-from curricle.learning.stopping import Budget, StoppingKernel, ended_by, limits
+from curricle.learning.stopping import Budget, StoppingKernel, limits
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import nothing
 from curricle.tasks.kernel import splitmix64, stream_start
@@ -224,7 +224,7 @@ class DeepRun:
     def train(self, seed: int, shaping: Shaping | None, charged: int) -> Outcome:
         """Train a seed and return its outcome."""
         start, learner = stream_start(seed, self.stream), self.learner
-        steps, model_seed = self.steps - charged, splitmix64(start) >> 33
+        steps, model_seed = self.limits[0] - charged, splitmix64(start) >> 33
         with isolated(learner.threads):
             model = model_for(
                 self.task,
@@ -252,28 +252,16 @@ class DeepRun:
                 model.env.close()  # its processes end
                 if recorder.environments is not None:
                     recorder.environments.close()
-        record, checkpoint = recorder.record, recorder.checkpoint - 1
-        ending = ended_by(
-            self.budget,
-            self.stopping,
-            record.greedy_return,
-            checkpoint,
-            checkpoint * self.eval_freq,
-            stopped=bool(record.stopped[0]),
-        )
+        last, record = recorder.checkpoint - 1, recorder.record
+        ending = ended_by(self.budget, self.stopping, record, last, self.eval_freq)
         totals = recorder.steps, recorder.episodes, recorder.evaluation_steps
         # a network's values are a ValueSource
         return Outcome(record, values, *totals, ending, self.stopping, self.floor_steps)  # type: ignore[arg-type]
 
     @cached_property
-    def steps(self) -> int:
-        """The most steps."""
-        return limits(self.budget)[0]
-
-    @cached_property
-    def episodes(self) -> int:
-        """The most episodes."""
-        return limits(self.budget)[1]
+    def limits(self) -> tuple[int, int]:
+        """The most steps and episodes."""
+        return limits(self.budget)
 
 
 def rollout_of(model: BaseAlgorithm) -> int:
@@ -300,13 +288,13 @@ class Recorder(BaseCallback):
 
     def _on_training_start(self) -> None:
         self._standardized = [*Standardized.of(self.model.policy)]
-        if self.run.steps > self.run.longest:  # the budget is in episodes
+        if self.run.limits[0] > self.run.longest:  # the budget is in episodes
             self.model._update_current_progress_remaining = self._count_episodes
         self._record(self._evaluation(0))
 
     def _count_episodes(self, *_: int) -> None:
         """Set the share of the budget that is left, which schedules follow."""
-        self.model._current_progress_remaining = 1 - self.episodes / self.run.episodes
+        self.model._current_progress_remaining = 1 - self.episodes / self.run.limits[1]
 
     def _on_step(self) -> bool:
         self.steps = self.num_timesteps
@@ -316,7 +304,7 @@ class Recorder(BaseCallback):
             if "episode" in info:  # as Monitor reports the end of one
                 self.episodes += 1
                 self.returns.append(float(info["episode"]["r"]))
-        if self.episodes >= self.run.episodes:
+        if self.episodes >= self.run.limits[1]:
             return False
         if self.steps >= self.max_steps:
             # A whole rollout is still learnt from; `reach` evaluates what was learnt.

@@ -16,7 +16,16 @@ from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.learners import LEARNERS_BY_NAME, Learner
 from curricle.learning.record import Record, Snapshots
 from curricle.learning.schedules import Schedule
-from curricle.learning.stopping import MEMORY_FULL, StoppingKernel
+from curricle.learning.stopping import (
+    ALL_EPISODES,
+    ALL_STEPS,
+    MEMORY_FULL,
+    UNLEARNT,
+    Budget,
+    Episodes,
+    StoppingKernel,
+    StoppingRule,
+)
 from curricle.learning.storage import SparseValues
 from curricle.learning.tabular_policy import (
     Arrays,
@@ -311,6 +320,28 @@ class Outcome:
     def floor(self) -> float:
         """The return above which the return may have settled."""
         return self.kernel.floor
+
+
+def ended_by(
+    budget: Budget,
+    kernel: StoppingKernel,
+    record: Record,
+    checkpoint: int,
+    eval_freq: int,
+    *,
+    out_of_memory: bool = False,
+) -> str:
+    """Return what ended a run after its last checkpoint, in a few fixed words."""
+    if out_of_memory:
+        return MEMORY_FULL
+    if isinstance(budget, Episodes):
+        return ALL_EPISODES
+    if not isinstance(budget, StoppingRule):
+        return ALL_STEPS
+    last = budget.decision(kernel, record.greedy_return, checkpoint, checkpoint * eval_freq)
+    if record.stopped[0]:
+        return last.criterion
+    return UNLEARNT if last.unlearnt else ALL_STEPS
 
 
 def learning_result(

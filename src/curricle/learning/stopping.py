@@ -448,29 +448,3 @@ def longest_run(time_limit: int | None, budget: Budget, eval_freq: int, envs: in
             f"eval_freq {eval_freq:,} make {steps // eval_freq:,}"
         )
     return steps
-
-
-def ended_by(
-    budget: Budget,
-    kernel: StoppingKernel,
-    greedy: FloatArray,
-    checkpoint: int,
-    step: int,
-    *,
-    stopped: bool,
-    out_of_memory: bool = False,
-) -> str:
-    """Return what ended a run after its last checkpoint, in a few fixed words.
-
-    `step` is that of the checkpoint; `stopped` tells whether the stopping rule ended the run there.
-    """
-    if out_of_memory:
-        return MEMORY_FULL
-    if isinstance(budget, Episodes):
-        return ALL_EPISODES
-    if not isinstance(budget, StoppingRule):
-        return ALL_STEPS
-    last = budget.decision(kernel, greedy, checkpoint, step)
-    if stopped:
-        return last.criterion
-    return UNLEARNT if last.unlearnt else ALL_STEPS

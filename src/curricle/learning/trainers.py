@@ -18,10 +18,10 @@ from curricle.learning.portfolio import NO_PORTFOLIO, UNDECIDED, Members, Tally,
 from curricle.learning.potential import PairPotential
 from curricle.learning.q_learning import Beside, train_q_learning
 from curricle.learning.record import Checkpoint, Record, note
-from curricle.learning.result import Outcome
+from curricle.learning.result import Outcome, ended_by
 from curricle.learning.seeds import SeedSettings
 from curricle.learning.shaping import QInitialisation, Shaping
-from curricle.learning.stopping import Budget, StoppingKernel, ended_by, limits
+from curricle.learning.stopping import Budget, StoppingKernel, limits
 from curricle.learning.storage import (
     DenseTable,
     SparseTable,
@@ -31,7 +31,7 @@ from curricle.learning.storage import (
     reorder,
 )
 from curricle.learning.value_lookup import no_sources
-from curricle.planning.policy_evaluation import EvaluationKernel
+from curricle.planning.policy_evaluation import EvaluationKernel, steps_of
 from curricle.tasks.kernel import address_of, compiled, splitmix64
 from curricle.tasks.live import masks_actions, open_model
 from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, available_actions
@@ -174,17 +174,10 @@ class Run:
         out_of_memory: bool = False,
     ) -> Outcome:
         """Return the outcome of a seed, with what ended its run."""
-        record, checkpoint = seed.record, totals.steps // self.eval_freq
-        ending = ended_by(
-            self.budget,
-            self.stopping,
-            record.greedy_return,
-            checkpoint,
-            checkpoint * self.eval_freq,
-            stopped=bool(record.stopped[0]),
-            out_of_memory=out_of_memory,
-        )
-        counts = *totals, seed.evaluation.steps
+        last, record = totals.steps // self.eval_freq, seed.record
+        run = self.budget, self.stopping, record, last, self.eval_freq
+        ending = ended_by(*run, out_of_memory=out_of_memory)
+        counts = *totals, steps_of(seed.evaluation)
         return Outcome(record, values, *counts, ending, self.stopping, self.floor_steps)
 
     # -- tables, filled and cleared ----------------------------------------------------------------

@@ -68,11 +68,6 @@ class RolloutEvaluation(NamedTuple):
     halted: BoolArray  # (1,) true once nobody waits for it
     address: int = 0  # where :meth:`compiled_for` has put the machine code
 
-    @property
-    def steps(self) -> int:
-        """Steps of all episodes so far."""
-        return int(self.taken[0])
-
     def for_run(self, start: int) -> "RolloutEvaluation":
         """Return this for a run whose random stream starts at `start`."""
         stream, total = np.array([start ^ EVALUATION_STREAM], dtype=np.uint64), np.zeros(2)
@@ -110,11 +105,6 @@ class ExactEvaluation(NamedTuple):
     halted: BoolArray  # (1,) true once nobody waits for it
     address: int = 0  # where :meth:`compiled_for` has put the machine code
 
-    @property
-    def steps(self) -> int:
-        """0: the evaluation reads tables."""
-        return 0
-
     @classmethod
     def of(
         cls, tables: Tables, discount: float, horizon: int, size: tuple[int, int]
@@ -143,11 +133,6 @@ class ExactEvaluation(NamedTuple):
 class NoEvaluation(NamedTuple):
     """No evaluation: every return is NaN."""
 
-    @property
-    def steps(self) -> int:
-        """None."""
-        return 0
-
     def for_run(self, start: int) -> "NoEvaluation":
         """Return this."""
         return self
@@ -158,6 +143,11 @@ class NoEvaluation(NamedTuple):
 
 
 EvaluationKernel = ExactEvaluation | RolloutEvaluation | NoEvaluation
+
+
+def steps_of(evaluation: EvaluationKernel) -> int:
+    """Return the steps that an evaluation has taken: none where it reads tables."""
+    return int(evaluation.taken[0]) if isinstance(evaluation, RolloutEvaluation) else 0
 
 
 @dataclass(frozen=True)
@@ -284,7 +274,7 @@ def greedy_policy_return(
     with open_model(generative_model(task), start) as model:
         loop = compiled(rollout_return, has_users_code(model))
         value = float(loop(kernel, model, view))
-    return Evaluated(value, kernel.steps)
+    return Evaluated(value, steps_of(kernel))
 
 
 # -- compiled ------------------------------------------------------------------------------------
