@@ -4,7 +4,7 @@ import io
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
@@ -30,7 +30,7 @@ from curricle.learning.stopping import (
     spacing,
     stopping_kernel,
 )
-from curricle.pictures.episode import Episode, frame_of, played, with_pictures
+from curricle.pictures.episode import Episode, played, with_pictures
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.progress import Progress, check_progress, shown
@@ -145,12 +145,9 @@ class TrainedPolicy:
         with closing(drawn.environment()) as env, isolated():
             set_random_seed(seed)
             act = acting(self.model, [env], sampled=not deterministic)
+            # A number where it is one.
             return played(
-                env,
-                lambda observation: act(observation, [0])[()],  # a number where it is one
-                seed=seed,
-                limit=limit,
-                picture=partial(frame_of, env),
+                env, lambda observation: act(observation, [0])[()], seed=seed, limit=limit
             )
 
     def __repr__(self) -> str:

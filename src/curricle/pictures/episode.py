@@ -205,25 +205,15 @@ class Episode:
         return [caption, *(self.texts[place].splitlines() if self.texts else ())]
 
 
-def played(
-    env: gym.Env[Any, Any],
-    act: Callable[[Any], Any],
-    *,
-    seed: int,
-    limit: int,
-    picture: Callable[[], Frame],
-) -> Episode:
-    """Return one episode, of up to `limit` steps, of a policy in an environment of Gymnasium's.
-
-    `act` returns the action for an observation, `picture` a frame of the environment as it is.
-    """
+def played(env: gym.Env[Any, Any], act: Callable[[Any], Any], *, seed: int, limit: int) -> Episode:
+    """Return one episode, of up to `limit` steps, in an environment; `act` maps observations."""
     observation, _ = env.reset(seed=seed)
-    frames, actions, rewards = [picture()], list[Any](), list[float]()
+    frames, actions, rewards = [frame_of(env)], list[Any](), list[float]()
     over = terminated = False
     while not over and len(rewards) < limit:
         action = act(observation)
         observation, reward, terminated, truncated, _ = env.step(action)
-        frames.append(picture())
+        frames.append(frame_of(env))
         actions.append(action)
         rewards.append(float(reward))
         over = terminated or truncated
