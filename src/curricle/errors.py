@@ -31,7 +31,7 @@ PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")  # user and password, which stand be
 
 
 def _sentence(text: str) -> str:
-    """Return a text on one line, cut in the middle where it is long, without what is secret."""
+    """Return a text on one line, cut in the middle where it is long, without passwords."""
     line = OWN_MODULE.sub("", PASSWORD.sub("//...@", " ".join(text.splitlines())))
     if len(line) <= LONGEST:
         return line

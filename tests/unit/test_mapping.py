@@ -288,7 +288,7 @@ MAPPINGS = [
     (lambda: project(LINE, END, x="row"), "of the source, column, move, row: got 'x'"),
     (
         lambda: project(chain(low=5), chain(4)),
-        "map some pair: place has no value in both tasks, as place of the target has 5, 6, 7, and "
+        "map some pair: no value is in both tasks: place of the target has 5, 6, 7, and "
         r"place of the source has 0, 1, \.\.\., 3; give both",
     ),
     (
@@ -313,6 +313,8 @@ MAPPINGS = [
         "lists all pairs of the target, at most 1,000,000,000: it has 12,500,000,000",
     ),
     (lambda: compose(identity(ROW), FIRST), "source to be the second's"),
+    (lambda: compose(identity(ROW), 3), "a mapping to compose must be a PairMapping: got 3"),
+    (lambda: compose(np.sin, identity(ROW)), "compose must be a PairMapping: got <ufunc 'sin'>"),
     (lambda: identity(HUNT, CHASE), "prey, predator_1, predator_2, the source's prey, predator; "),
     (lambda: identity(chain(4), chain()), r"have place\[4\], the source's place\[3\]; "),
     (lambda: identity(chain(low=1), chain()), r"place\[3 from 1\], the source's place\[3\]; "),

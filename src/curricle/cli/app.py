@@ -489,14 +489,7 @@ def paper(
 
 def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
-    from curricle.errors import (
-        CurricleError,
-        ForeignError,
-        LostStoreError,
-        StudyError,
-        in_words,
-        place_of,
-    )
+    from curricle import errors
 
     # Imports make objects that stay: searching them took a tenth of the time.
     gc.set_threshold(50_000, 20, 50)
@@ -507,20 +500,20 @@ def main() -> None:
     try:
         app(standalone_mode=True)
         return
-    except CurricleError as error:
-        failed = isinstance(error, StudyError) and error.__cause__ is not None
+    except errors.CurricleError as error:
+        failed = isinstance(error, errors.StudyError) and error.__cause__ is not None
         if failed:
             traceback.print_exception(error.__cause__)
         sentence = str(error)
-        code = 3 if isinstance(error, StudyError | LostStoreError) else 1
+        code = 3 if isinstance(error, errors.StudyError | errors.LostStoreError) else 1
     except OSError as error:  # of a path that the command line names
         place = f"{error.filename} cannot be used: " if error.filename else ""
         sentence = f"{place}{error.strerror or error}"
     except MemoryError:
         sentence = "there is not enough memory for this study on this machine"
     except (Exception, GeneratorExit) as error:
-        if not (place_of(error) or isinstance(error, ForeignError)):
+        if not (errors.place_of(error) or isinstance(error, errors.ForeignError)):
             raise  # a mistake of the library
-        sentence = in_words(error)
+        sentence = errors.in_words(error)
     echo(f"curricle: {sentence}", err=True)
     sys.exit(code)

@@ -33,7 +33,7 @@ class Bins:
     ----------
     edges : dict of str to (m + 1,) float array
         For each entry of an observation, in order, the name of its component and the ascending
-        edges of its m bins; a bin includes its lower edge.
+        edges of its m bins, so that n edges make n - 1 bins; a bin includes its lower edge.
 
     Raises
     ------

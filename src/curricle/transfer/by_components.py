@@ -101,11 +101,9 @@ class ComponentMapping(PairMapping):
             for component in other.components:
                 origin = _origin(space, component, self.renaming)
                 if _disjoint(origin, component, self.unequal):
-                    return (
-                        f"{component.name} has no value in both tasks, as {origin.name} of the "
-                        f"target has {_listed(origin)}, and {component.name} of the source has "
-                        f"{_listed(component)}"
-                    )
+                    target_values = f"{origin.name} of the target has {_listed(origin)}"
+                    source_values = f"{component.name} of the source has {_listed(component)}"
+                    return f"no value is in both tasks: {target_values}, and {source_values}"
         return "" if target.states.is_box and source.states.is_box else super().why_empty
 
     @cached_property
@@ -215,9 +213,8 @@ def _disjoint(origin: Component, component: Component, unequal: Unequal) -> bool
     """Return whether no value of a target component has a source value."""
     if component.labels is not None and origin.labels is not None:
         return not {*origin.labels} & {*component.labels}
-    return unequal == "unmapped" and max(origin.low, component.low) > min(
-        origin.high, component.high
-    )
+    apart = origin.high < component.low or component.high < origin.low
+    return unequal == "unmapped" and apart
 
 
 def _listed(component: Component) -> str:

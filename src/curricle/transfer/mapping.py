@@ -482,6 +482,8 @@ def compose(first: PairMapping, second: PairMapping) -> StateActionMapping:
     >>> bool((both.index == same_position(maze, crop).index).all())
     True
     """
+    for mapping in (first, second):
+        instance("a mapping to compose", mapping, PairMapping, MappingError)
     if not same_task(first.source, second.target):
         raise MappingError(
             "composition needs the first mapping's source to be the second's target: got "
