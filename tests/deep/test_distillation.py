@@ -79,18 +79,6 @@ def test_states_that_look_alike_get_their_mean(form):
     assert known.alike == 0.75
 
 
-def test_joined_knowledge_weighs_each_state_once():
-    rng = np.random.default_rng(3)
-    seen = rng.integers(0, 3, (40, 2)).astype(np.float32)
-    q = rng.normal(size=(40, 3))
-    whole = Knowledge.of(seen, q)
-    joined = Knowledge.joined([Knowledge.of(seen[:15], q[:15]), Knowledge.of(seen[15:], q[15:])])
-    order, other = (np.lexsort(first.observations.T) for first in (whole, joined))
-    for name in ("values", "action_values", "policy", "states"):
-        first, second = getattr(whole, name)[order], getattr(joined, name)[other]
-        assert first == pytest.approx(second)
-
-
 def test_shuffled_answers_are_the_same_answers_of_others():
     _, _, known, *_ = solved_maze()
     mixed = known.shuffled(4)

@@ -88,18 +88,6 @@ def test_any_random_bits_give_a_possible_outcome_and_the_one_that_tables_give(ga
     assert result[2] == mdp.terminal[result[0]].tolist()
 
 
-def test_both_kinds_of_tables_are_read_alike():
-    # Small tables give each pair a row of its own, large ones share rows.
-    small, large = cr.Pursuit(2, 2), cr.Pursuit(4, 2, torus=True)
-    assert table_model(small.mdp).row_per_pair
-    assert not table_model(large.mdp).row_per_pair
-    for game in (small, large):
-        state, action = alive_pairs(game.mdp)
-        bits = random_bits(len(state))
-        tables = step_all(table_model(game.mdp), state, action, bits)
-        assert step_all(game.model, state, action, bits) == tables
-
-
 @pytest.mark.parametrize("capture", ["all", "any", 2])
 @pytest.mark.parametrize("size", [2, 3])
 def test_episodes_start_uniformly_where_the_prey_is_not_caught(size, capture):

@@ -78,12 +78,3 @@ def test_f_of_more_than_a_potential_does_not_fit(mdp, data):
     f = table[tuple(pairs.T)]
     left = system @ np.linalg.lstsq(system, f, rcond=None)[0] - f
     assert (fit(met, paid, mdp.discount).worst <= 1e-6) is bool(abs(left).max() <= 1e-6)
-
-
-@given(mdps(loose=True), st.integers(0, 99))
-def test_open_ends_are_recovered(mdp, seed):
-    # Every state can stay where it is, so that Phi is known without the ends.
-    phi = np.random.default_rng(seed).uniform(2.0, 9.0, mdp.shape[0])
-    fitting = fit(*reachable(mdp, difference(phi, mdp.discount)), mdp.discount, ends_are_zero=False)
-    assert fitting.worst <= 1e-9
-    np.testing.assert_allclose(fitting.potential, phi, atol=1e-8)

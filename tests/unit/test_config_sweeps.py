@@ -105,7 +105,3 @@ def test_a_swept_study_is_plain_data(read):
     again = StudyConfig.from_data(study.to_data(), study.folder)
     assert again == study
     assert again.variants["transfer, learning_rate=0.3"].values == {"learner.learning_rate": 0.3}
-
-
-def test_a_study_without_them_is_as_it_was(read):
-    assert not {"scratches", "variants", "tune", "total"} & read(MAZES).to_data().keys()

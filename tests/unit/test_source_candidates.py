@@ -188,20 +188,6 @@ def test_what_cannot_be_learnt_is_dropped(task, reason):
     ] == [("mine", reason)]
 
 
-def test_another_start_discount_or_time_limit_is_another_task():
-    variants = [
-        CORRIDOR.with_start("uniform"),
-        GridWorld("S....T", discount=0.9),
-        GridWorld("S....T", time_limit=50),
-    ]
-    candidates = source_candidates(
-        CORRIDOR,
-        kinds=[],
-        propose=lambda t: [proposed(task, f"variant {i}") for i, task in enumerate(variants)],
-    )
-    assert len(candidates) == 3
-
-
 def proposing(*candidates):
     return lambda: source_candidates(CORRIDOR, propose=lambda target: candidates)
 

@@ -1,13 +1,12 @@
 """A study run in parts on several machines and put together is the study run in one go."""
 
 import re
-import shutil
 
 import numpy as np
 import pytest
 
 from curricle.errors import StoreError
-from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.results import DECISIONS, RESULTS
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -110,17 +109,6 @@ def snapshots_in(folder):
     return sorted(
         path.relative_to(folder) for path in files if "snapshot_steps" in np.load(path).files
     )
-
-
-def test_a_damaged_part_is_refused_before_anything_is_written(finished, tmp_path):
-    copied = shutil.copytree(finished, tmp_path / "copied")
-    file = StudyStore(copied).units()[-1].path
-    content = bytearray(file.read_bytes())
-    content[len(content) // 2] ^= 1
-    file.write_bytes(content)
-    with pytest.raises(StoreError, match=re.escape(str(file))):
-        merge(tmp_path / "whole", [copied])
-    assert not (tmp_path / "whole").exists()
 
 
 def test_parts_merged_one_after_the_other_are_parts_merged_at_once(part, finished, tmp_path):
