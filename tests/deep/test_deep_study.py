@@ -186,7 +186,7 @@ def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
     [
         ("learner.settings.batch_sise=8", "got 'batch_sise', did you mean 'batch_size'?"),
         ("shaping='WeightTransfer'", "must be networks: chase is learnt in a table"),
-        ("tasks.hunt.learner={type='deep', algorithm='TD3'}", "StateShaping suits every"),
+        ("tasks.hunt.learner={type='deep', algorithm='TD3'}", "of TD3 must be a Box"),
     ],
 )
 def test_what_the_library_does_not_take_is_refused_before_anything_is_trained(
@@ -215,6 +215,8 @@ def test_what_the_library_does_not_take_is_refused_before_anything_is_trained(
 )
 def test_a_record_says_why_what_is_learnt_depends_on_the_total(learner, changes, depends):
     hunt = observed(2, time_limit=20)
+    if learner["algorithm"] == "SAC":  # which takes actions of a Box alone
+        hunt = cr.observation_task("Pendulum-v1", discount=0.98)
     plan = cr.Curriculum(
         {"chase": hunt, "hunt": hunt},
         [cr.Transfer("chase", "hunt", cr.transfer.ObservationMapping(hunt, hunt))],

@@ -170,6 +170,9 @@ MISTAKES = {
     ).episode(),
     "DQN must take its task .* says .*Policy Mlp unknown": refused_by_sb3("Mlp"),
     "DQN must take its task .* says .*nan": refused_by_sb3(learning_rate=float("nan")),
+    "DQN must take its task .* says .*negative dim": refused_by_sb3(
+        policy_kwargs={"net_arch": [-3]}
+    ),
     "DQN must take its task .* says ": refused_by_sb3(policy_kwargs={"net_arch": "x"}),
     "own task: .* has observations": loaded(CART, ACTOR),
     "the task, learner and shaping they were trained with: .*DQN": loaded(LAKE, DEEP_Q),

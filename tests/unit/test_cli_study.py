@@ -188,6 +188,7 @@ def test_a_dry_run_says_what_is_left_and_does_nothing(
     [
         (["--shard", "3/2"], "a shard must be i/n"),
         (["--shard", "half"], "a shard must be i/n"),
+        (["--shard", "9" * 5000 + "/1"], "a shard must be i/n"),
         (["--workers", "0"], "--workers"),
         (["--workers", "two"], "--workers"),
         (["--fast"], "No such option: --fast"),
@@ -273,6 +274,14 @@ def test_a_mistake_in_a_file_and_folders_to_be_merged(
     refused(1, "has none", "merge", "whole", "nowhere")
 
 
+def test_closed_streams_end_no_command(finished):
+    command = f"{sys.executable} -m curricle show {finished}"
+    for closed in (">&-", ">&- 2>&-"):
+        shell = ["sh", "-c", f"{command} {closed}"]
+        done = subprocess.run(shell, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_decisions_are_sentences(curricle, refused, finished):
     code, out, _ = curricle("show", finished, "--decisions")
     lines = out.splitlines()
@@ -309,6 +318,19 @@ def test_studies_of_one_target_are_compared(curricle, refused, study_file, finis
     code, alone, _ = curricle("compare", finished)
     assert alone == f"{StudyResults(finished).comparison}\n"
     refused(1, "need different folders", "compare", finished, finished)
+    file = tmp_path / "stated.toml"
+    file.write_text(f"threshold = 5.5\n{Path(study_file).read_text()}")
+    assert (
+        curricle("run", file, "--out", "c/of_600", "--resume", *quick, "--set", f"{easy}=600")[0]
+        == 0
+    )
+    refused(
+        1,
+        "threshold: 'chain' and 'chain' have None and 5.5; state one",
+        "compare",
+        "a/of_600",
+        "c/of_600",
+    )
 
 
 # -- sweeps and tunings ------------------------------------------------------------------------

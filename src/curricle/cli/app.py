@@ -99,6 +99,7 @@ Changes = Annotated[
 OnlyArms = Annotated[
     list[str] | None, Option("--arm", help="Only this arm of the file; may be repeated.")
 ]
+LONGEST_SHARD = 20  # characters of --shard
 Explain = Annotated[bool, Option("--explain", help="Also explain the words.")]
 
 
@@ -277,7 +278,7 @@ def run(
     _announce_imports()
     study = _read(file, seeds, changes, arms)
     i, slash, n = shard.partition("/")
-    numbers = slash and i.isdecimal() and n.isdecimal()
+    numbers = slash and i.isdecimal() and n.isdecimal() and len(shard) < LONGEST_SHARD
     if not numbers or not 1 <= int(i) <= int(n):
         raise BadParameter(f"a shard must be i/n, i from 1 to n, such as 1/4: got {shard!r}")
     part, folder = (int(i), int(n)), out or study.results_folder
@@ -493,6 +494,9 @@ def main() -> None:
 
     # Imports make objects that stay: searching them took a tenth of the time.
     gc.set_threshold(50_000, 20, 50)
+    if sys.stdout is None or sys.stderr is None:  # closed by the caller
+        nowhere = open(os.devnull, "w")  # noqa: SIM115  as long as the process
+        sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # ? for signs that an encoding lacks

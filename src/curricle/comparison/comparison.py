@@ -195,6 +195,7 @@ def comparison_plan(
     for name, arm in arms.items():
         fit_name("an arm", name, CurriculumError)
         instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
+        arm.check_networks()
     if isinstance(controls, str):
         raise SettingError(f"controls must be a list of names: got {controls!r}")
     for control in controls:

@@ -257,7 +257,7 @@ def _smallest_gain(differences: FloatArray) -> Interval:
 
 
 NO_MORE = "not shown to gain more than from an unrelated task"
-ASKING = 'cr.compare(..., controls=["placebo"]) and, for tables, constants (optimistic learners have none)'
+ASKING = 'cr.compare(..., controls=["placebo"]) and constants (optimistic learners have none)'
 """How to ask why a curriculum pays; in a study file: ``controls = ["placebo"]``."""
 
 Why = Literal["", "not known", "knowledge", "mapping", "placebo", "not shown"]

@@ -20,7 +20,7 @@ from curricle.learning.portfolio import Portfolio
 from curricle.learning.result import LearningResult
 from curricle.learning.run import learn
 from curricle.learning.seeds import seed_tuple
-from curricle.learning.shaping import QInitialisation, Shaping
+from curricle.learning.shaping import QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import (
     SETTLED,
     Budget,
@@ -153,13 +153,6 @@ class Node:
         """Whether a network learns the task from exact answers instead of steps."""
         return isinstance(self.task, Miniatures)
 
-    def check_network(self, *, shaped: bool, tables: Sequence[str] = ()) -> None:
-        """Check a network's learner with Stable-Baselines3; ImportError if it is not installed."""
-        self.learner.algorithm_class()
-        from curricle.deep.models import check_learner  # with torch, an extra
-
-        check_learner(self.learner, self.shaping if shaped else None, tables)
-
     def train(
         self,
         seeds: Sequence[int],
@@ -238,8 +231,9 @@ class Curriculum:
     shaping : Shaping or dict
         How the potentials of sources enter learning. Default :class:`QInitialisation`, with a
         :class:`Portfolio` where the learner has dense tables of up to 10 million pairs.
-        Default ``WeightTransfer(kl=0.1)`` for an actor-critic whose only source is distilled from
-        :func:`miniatures` and read unchanged.
+        Networks other than DQN's cannot start at a potential: their default is
+        :class:`StateShaping`, or ``WeightTransfer(kl=0.1)`` for an actor-critic whose only source
+        is distilled from :func:`miniatures` and read unchanged.
     eval_freq : int or dict, optional
         Steps between checkpoints.
     evaluation : GreedyEvaluation or dict, optional
@@ -420,6 +414,29 @@ class Curriculum:
             return self._default_shaping(name)
         return SETTINGS[which] if which == "unknown_value" else None
 
+    def check_networks(self, names: Sequence[str] | None = None) -> None:
+        """Check the networks of tasks, by default all; SettingError names an unfit one's task."""
+        for name in self.order if names is None else names:
+            try:
+                self.check_network(name)
+            except SettingError as error:
+                raise SettingError(f"the learner of {name!r} cannot be used: {error}") from None
+
+    def check_network(self, name: str) -> None:
+        """Check the learner of a task, if it is a network, with Stable-Baselines3.
+
+        ImportError if that is not installed; SettingError if it does not take a setting or the
+        shaping.
+        """
+        node, edges = self.node(name), self.in_edges(name)
+        if not node.deep:
+            return
+        node.learner.algorithm_class()
+        from curricle.deep.models import check_learner  # with torch, an extra
+
+        in_tables = [edge.source for edge in edges if not self.node(edge.source).deep]
+        check_learner(node.learner, node.shaping if edges else None, in_tables)
+
     def _default_shaping(self, name: str) -> Shaping:
         """Return the default shaping of a task: QInitialisation, in a portfolio if possible."""
         learner, edges = self.setting("learner", name), self.in_edges(name)
@@ -428,6 +445,10 @@ class Curriculum:
             critic = isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS
             if critic and alike and edges[0].mapping.is_identity:
                 return WeightTransfer(kl=PULL)
+        if isinstance(learner, DeepLearner) and not (
+            learner.algorithm == "DQN" or ":" in learner.algorithm  # of the user's own
+        ):
+            return StateShaping()
         # A portfolio needs dense tables and a learner that is not optimistic itself. The limit does
         # not depend on the machine's memory.
         possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
@@ -545,8 +566,7 @@ class Curriculum:
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
         names = [name for name in self.order if name in wanted and name not in earlier]
-        for name in names:
-            self._check_network(name)
+        self.check_networks(names)
         with shown(progress) as bars:
             for name in names:
                 spent = self.spent(name, sources, len(numbers)) if name == paying else None
@@ -567,14 +587,8 @@ class Curriculum:
 
         `sources` have the same `seeds`.
         """
-        self._check_network(name)
         potentials = self.potentials(name, sources)
         return self.node(name).train(seeds, potentials, options), potentials
-
-    def _check_network(self, name: str) -> None:
-        node = self.node(name)
-        if node.deep:
-            node.check_network(shaped=bool(self.in_edges(name)))
 
     def spent(self, name: str, sources: Mapping[str, Learnt], seeds: int) -> IntArray:
         """Return the steps of each of K seeds in all tasks on which a task builds, (K,) int64."""

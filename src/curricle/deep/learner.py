@@ -23,6 +23,11 @@ if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")  # where an algorithm's name is looked up
+OF_ACTIONS: dict[str, type[Space[Any]]] = {
+    **dict.fromkeys(("DQN", "QRDQN"), Discrete),
+    **dict.fromkeys(("CrossQ", "DDPG", "SAC", "TD3", "TQC"), Box),
+}
+"""Algorithms that take actions of one kind alone, and which."""
 EXPLORING = ("DQN", "QRDQN")  # whose exploration falls over a share of the budget
 LEAVES = (Box, Discrete, MultiDiscrete, MultiBinary)
 LEAST_SIDE = 36  # cells of a picture's side that the convolutions of ``NatureCNN`` need
@@ -261,6 +266,12 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
         raise SettingError(
             "actions of a deep learner must be a Box, Discrete, MultiDiscrete or MultiBinary: got "
             f"{stable_text(task.actions)}"
+        )
+    taken = OF_ACTIONS.get(learner.algorithm, object)
+    if not isinstance(task.actions, taken):
+        raise SettingError(
+            f"actions of {learner.algorithm} must be a {taken.__name__}: got "
+            f"{stable_text(task.actions)}; PPO takes actions of every kind"
         )
     parts = space.spaces if isinstance(space, Dict) else {"": space}
     for key, part in parts.items():

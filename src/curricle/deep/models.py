@@ -89,7 +89,7 @@ def model_for(
         model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
     except CurricleError:
         raise
-    except (AssertionError, TypeError, ValueError) as error:
+    except (AssertionError, TypeError, ValueError, RuntimeError, MemoryError) as error:
         # Its spaces, the name of its policy and some of its settings are only checked there.
         said = " ".join(str(error).split())
         raise SettingError(

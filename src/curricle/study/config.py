@@ -417,14 +417,10 @@ class StudyConfig(RunTable):
         """
         problems = Problems(self._positions)
         for arm, curriculum in self.curricula.items():
-            for node in map(curriculum.node, curriculum.order):
-                if not node.deep:
-                    continue
-                sources = dict.fromkeys(edge.source for edge in curriculum.in_edges(node.name))
-                tables = [name for name in sources if not curriculum.node(name).deep]
+            for name in curriculum.order:
                 try:
-                    with problems.at("arms", arm, "tasks", node.name, "learner"):
-                        node.check_network(shaped=bool(sources), tables=tables)
+                    with problems.at("arms", arm, "tasks", name, "learner"):
+                        curriculum.check_network(name)
                 except ImportError as error:  # it names what to install
                     raise SettingError(f"a task is learnt by a network: {error}") from None
         problems.raise_any()

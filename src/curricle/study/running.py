@@ -187,7 +187,9 @@ def usable_units(
 
 AHEAD = 2  # units submitted for each worker, so that workers need not wait for the next unit
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
-OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib")  # libraries that may be installed
+OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "minigrid")  # they may be installed
+TASKS_OR_LEARNERS = {"gymnasium", "minigrid", "stable-baselines3", "sb3-contrib"}
+"""Libraries whose versions may change a task or a learner, not the last bits alone."""
 
 
 def run_study(
@@ -438,9 +440,10 @@ def _begun(
         used = {earlier.versions[library] for earlier in runs if library in earlier.versions}
         earlier_versions = sorted(used - {version})
         if earlier_versions and library != "curricle":
+            how = "" if library in TASKS_OR_LEARNERS else " in the last bits"
             remarks.append(
                 f"{library} was {' and '.join(earlier_versions)} in earlier runs and is {version}: "
-                "their units are used, and may differ from today's in the last bits"
+                f"their units are used, and may differ from today's{how}"
             )
     for sentence in remarks:
         report(sentence)
