@@ -22,7 +22,7 @@ MAZE = cr.GridWorld(["S..", ".FT"], time_limit=20)
 NEAR = MAZE.crop(rows=(0, 2), columns=(1, 3))
 HUNT, CHASE = cr.Pursuit(3, 2, time_limit=20), cr.Pursuit(3, 1, time_limit=20)
 RING = cr.Space([cr.Component("place", 8)]), cr.Space([cr.Component("move", 2)])
-HUGE = cr.Space([cr.Component(f"c{i}", 10) for i in range(30)])
+HUGE = cr.Space([cr.Component(f"c{i}", 10) for i in range(18)])
 OFF = cr.GreedyEvaluation("off")
 
 

@@ -21,6 +21,19 @@ tasks.cards = { type = "gymnasium", id = "Blackjack-v1" }
 tasks.same = { type = "gymnasium", id = "Blackjack-v1" }
 transfers = [{ source = "cards", target = "same", mapping = "identity" }]
 """
+TUNED = f"{CHAIN}[tune]\ntrials = 2\nseeds = 1\n[tune.space]\nlearner.epsilon = [0.1, 0.3]\n"
+CHOSEN = """
+name = "chosen"
+seeds = 2
+budget = 300
+eval_freq = 100
+choose = true
+[tasks.line]
+type = "maze"
+map = "S...T"
+"""
+LINE = CHOSEN.replace("choose = true\n", "opponents = []\n")
+MOVED = {"run": TUNED, "choose": CHOSEN, "report": LINE, "audit": LINE}
 STUDIES = {"chain": CHAIN, "own_code": OWN_CODE, "live": LIVE}
 
 
@@ -44,6 +57,30 @@ def assert_kills_change_nothing(name, folder, kills, *more):
 
 
 linux = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are of /proc")
+
+
+def assert_each_rename_may_be_the_last(name, folder, *first):
+    (folder / "study.toml").write_text(MOVED[name])
+    script, command = Path(__file__).with_name("killed_at_a_rename.py"), name
+    arguments = ["run" if name == "choose" else command, folder / "study.toml", folder, *first]
+    done = subprocess.run([sys.executable, script, *arguments], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    whole, attempts = contents_of(folder / "whole"), [*folder.glob("[0-9]*.moves")]
+    assert len(attempts) == (abs(int(first[0])) if first else int(done.stdout))
+    for attempt in attempts:
+        assert contents_of(attempt.with_suffix("")) == whole
+
+
+@linux
+def test_a_tuned_run_killed_at_one_of_its_last_renames_is_completed(tmp_path):
+    assert_each_rename_may_be_the_last("run", tmp_path, "-5")
+
+
+@linux
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOVED)
+def test_a_kill_at_each_rename_changes_nothing(tmp_path, name):
+    assert_each_rename_may_be_the_last(name, tmp_path)
 
 
 @linux

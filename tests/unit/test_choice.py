@@ -13,7 +13,13 @@ from curricle.comparison.plan import Plan, PlannedArm
 from curricle.errors import CurriculumError, SettingError, StudyError, TaskError
 from curricle.statistics.curves import Curve
 from curricle.study import StudyStore, merge, run_study
-from curricle.study.tuning import CHOICE, NO_CURRICULUM, chosen_file, trial_study as choice_trials
+from curricle.study.tuning import (
+    CHOICE,
+    NO_CURRICULUM,
+    chosen_file,
+    settled_before,
+    trial_study as choice_trials,
+)
 from curricle.tasks import pursuit_family
 from tests.support.comparisons import flat
 from tests.support.executors import Inline
@@ -252,6 +258,8 @@ def test_a_study_and_memory_choose_alike(file, tmp_path):
     arms = list(run.comparison.controls)
     assert arms == [choice.name]
     assert run.comparison.verdicts[choice.name].seeds == 6
+    settled = settled_before(cr.read_study(file), run.store.path)  # which `curricle play` plays
+    assert settled.data == run.store.description["configuration"]
 
 
 def test_sources_keep_the_values_that_their_target_does_not(hunt, choice, file):
@@ -271,6 +279,8 @@ def test_a_choice_resumes(small, tmp_path, left):
     before = run.record.chosen
     assert before.startswith("no curriculum: ")
     assert list(run.comparison.controls) == [NO_CURRICULUM]
+    settled = settled_before(cr.read_study(small), folder)
+    assert settled.data == run.store.description["configuration"]
     trials = StudyStore(folder / CHOICE)
     units = sorted(trials.units(), key=lambda unit: unit.path)
     trials.remove([unit.path for unit in units[left:]])

@@ -401,7 +401,7 @@ def play(
     """
     from curricle.study import StudyResults
     from curricle.study.analysis import played_episode, stored_episode
-    from curricle.study.tuning import tuned_before
+    from curricle.study.tuning import settled_before
 
     if changes and study is None:
         raise BadParameter(f"--set needs --study: got --set {changes[0]} alone")
@@ -416,7 +416,7 @@ def play(
         seed, episode = stored_episode(results, arm, task, seed)
     else:
         _announce_imports()
-        run = tuned_before(_read(study, None, changes), results.store.path)
+        run = settled_before(_read(study, None, changes), results.store.path)
         seed, episode = played_episode(results, run, arm, task, seed)
     title = f"{arm}: {task}, learnt by seed {seed}"
     if out is None:

@@ -257,8 +257,8 @@ def _smallest_gain(differences: FloatArray) -> Interval:
 
 
 NO_MORE = "not shown to gain more than from an unrelated task"
-ASKING = 'cr.compare(..., controls=["placebo"]) and constants (optimistic learners have none)'
-"""How to ask why a curriculum pays; in a study file: ``controls = ["placebo"]``."""
+ASKING = 'controls = ["placebo"] and constants (optimistic learners have none)'
+"""How to ask why a curriculum pays, in a study file and, as an argument, of ``compare``."""
 
 Why = Literal["", "not known", "knowledge", "mapping", "placebo", "not shown"]
 

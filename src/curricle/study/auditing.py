@@ -20,7 +20,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import scratch_data
 from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.results import StudyResults
-from curricle.study.running import run_study
+from curricle.study.running import check_runnable, run_study
 from curricle.study_file.vary import all_tuned
 from curricle.tasks.mdp import has_tables, tables
 from curricle.text import UNBOUNDED, folded, text_table
@@ -144,6 +144,8 @@ def audit(
     """
     read = study_of(study)
     sides = {CONFIGURED: as_configured(read), FAIR: as_fair(read, trials)}
+    for side in sides.values():  # both, before the first runs
+        check_runnable(side)
     return Audit(
         *(run(of, str(Path(path) / at), resume=True, **settings) for at, of in sides.items())
     )

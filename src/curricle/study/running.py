@@ -265,7 +265,7 @@ def run_study(
     whole = isinstance(shard, tuple | list) and [type(part) for part in shard] == [int, int]
     if not (whole and 1 <= shard[0] <= shard[1]):
         raise SettingError(f"a shard must be (i, n), whole numbers, i from 1 to n: got {shard!r}")
-    study.check_networks()
+    check_runnable(study)
     trackers = trackers_of(trackers)
     report = report or to_stderr
     if not seeds_of(study, shard):
@@ -274,12 +274,6 @@ def run_study(
     trials, folder = trials_of(study), CHOICE if study.choose else TRIALS
     study = tuned_before(study, place_at(path))
     arms = Arms.of(study)
-    if trials:
-        if Arms.of(trials).total is None:
-            raise SettingError(
-                "arms are tuned at one total of steps: give the budget of the target in steps"
-            )
-        trials.check_networks()
     with ExitStack() as ending:
         all_arms = [Arms.of(part) for part in (study, trials) if part]
         places = _workers(study, all_arms, workers, executor, ending)
@@ -313,6 +307,17 @@ def run_study(
     if failures:
         raise failure_error(failures)
     return results
+
+
+def check_runnable(study: StudyConfig) -> None:
+    """Raise what would end a run of a study, or of its trials, before anything is trained."""
+    study.check_networks()
+    if trials := trials_of(study):
+        if Arms.of(trials).total is None:
+            raise SettingError(
+                "arms are tuned at one total of steps: give the budget of the target in steps"
+            )
+        trials.check_networks()
 
 
 @dataclass(frozen=True)

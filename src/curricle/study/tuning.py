@@ -56,7 +56,7 @@ def settled(study: StudyConfig, trials: StudyConfig, tried: Tried) -> StudyConfi
     arms = Arms.of(trials)
     if study.choose:
         choice = chosen(arms, lambda *part: tried(*part).comparison)
-        return chosen_study(study, trials, choice)
+        return chosen_study(study, trials, choice.name, str(choice))
     # If they are all stored, this only completes their folder.
     results = tried(arms, trials.seeds, f"tuning: {counted(len(arms.curricula), 'trial')}")
     return study if study.tuned else tuned_study(study, results)
@@ -98,6 +98,17 @@ def tuned_before(study: StudyConfig, path: Place) -> StudyConfig:
     if units_of(trials, arms, store.finished(without=store.damaged_units())):
         return study
     return tuned_study(study, StudyResults(store, study_record(trials, arms)))
+
+
+def settled_before(study: StudyConfig, path: Place) -> StudyConfig:
+    """Return a study with the arm, or the settings, that the trials of a finished folder chose."""
+    if not study.choose:
+        return tuned_before(study, path)
+    record = StudyResults(path).record
+    if not record.chosen:
+        return study
+    (name,) = (name for name, arm in record.arms.items() if not (arm.scratch or arm.control_of))
+    return chosen_study(study, trial_study(study), name, record.chosen)
 
 
 def tuning_words(store: StudyStore) -> str:
@@ -187,18 +198,18 @@ def trial_study(study: StudyConfig) -> StudyConfig:
     return study.varied(arms=trials, opponents=OPPONENTS, snapshots=0, **plain)
 
 
-def chosen_study(study: StudyConfig, trials: StudyConfig, choice: Choice) -> StudyConfig:
+def chosen_study(study: StudyConfig, trials: StudyConfig, name: str, words: str) -> StudyConfig:
     """Return a study whose only arm is the chosen curriculum; without sources if none pays."""
-    if choice.name:
-        arms = {choice.name: trials.to_data()["arms"][choice.name]}
-        return study.varied(arms=arms, choose=None, chosen=str(choice))
+    if name not in ("", NO_CURRICULUM):
+        arms = {name: trials.to_data()["arms"][name]}
+        return study.varied(arms=arms, choose=None, chosen=words)
     alone = target_alone(next(iter(study.to_data()["arms"].values())))
-    return study.varied(arms={NO_CURRICULUM: alone}, choose=None, controls=None, chosen=str(choice))
+    return study.varied(arms={NO_CURRICULUM: alone}, choose=None, controls=None, chosen=words)
 
 
 def chosen_file(study: StudyConfig, choice: Choice, folder: Path) -> str:
     """Return the text of a study file with the chosen arm, for a file in `folder`."""
-    data = chosen_study(study, trial_study(study), choice).to_data()
+    data = chosen_study(study, trial_study(study), choice.name, str(choice)).to_data()
     (arm,) = data["arms"].values()
     defaults = RunTable.model_validate({"name": study.name}).model_dump(mode="json")
     run = {key: data[key] for key in defaults if key in data and data[key] != defaults[key]}

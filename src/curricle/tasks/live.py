@@ -276,7 +276,10 @@ def _player(
     # arrives before the first line of a function would be reached.
     action = yield None
     try:
-        environment = closings.enter_context(closing(task.make()))
+        environment = task.make()
+        if not (callable(getattr(environment, "step", None)) and hasattr(environment, "close")):
+            raise TaskError(f"make of a live task must return an environment: got {environment!r}")
+        closings.enter_context(closing(environment))
         number, moves = numbering(task), [task.act(a) for a in range(task.actions.size)]
         step, reset, masks = environment.step, environment.reset, task.action_masks
         close = _closing(task, environment, *closes)

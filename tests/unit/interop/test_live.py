@@ -8,7 +8,7 @@ import pytest
 from gymnasium import spaces
 
 import curricle as cr
-from curricle.errors import in_words
+from curricle.errors import TaskError, in_words
 from curricle.planning.rollouts import random_rollouts
 
 from .environments import OFF, TWO, Ring, Watched, watched
@@ -207,6 +207,8 @@ def test_failures_outside_of_learning_surface_too():
 
     with pytest.raises(Trouble, match="make"):
         cr.learn(cr.tasks.LiveMDP(*spaces_of_ring, nothing), budget=10)
+    with pytest.raises(TaskError, match="make of a live task must return an environment: got 0"):
+        cr.learn(cr.tasks.LiveMDP(*spaces_of_ring, int), budget=10)
 
 
 def odd(method, answer):
