@@ -1,5 +1,7 @@
 """Audits: as configured, then fair; equal trials for every arm, and one sentence."""
 
+from types import SimpleNamespace
+
 import pytest
 
 import curricle as cr
@@ -44,6 +46,18 @@ def file(tmp_path_factory):
 @pytest.fixture(scope="module")
 def audited(file, tmp_path_factory):
     return audit(file, tmp_path_factory.mktemp("out"), trials=3, progress=False)
+
+
+def test_only_arms_that_gain_more_than_their_placebos_pay_by_what_they_know():
+    verdicts = {name: SimpleNamespace(direction=1) for name in ("knowing", "chance")}
+    reasons = {
+        "knowing": SimpleNamespace(why="knowledge"),
+        "chance": SimpleNamespace(why="placebo"),
+    }
+    comparison = SimpleNamespace(withheld="", verdicts=verdicts, reasons=reasons)
+    side = SimpleNamespace(comparison=comparison)
+    said = Audit(side, side).sentence
+    assert said.endswith("against fair opponents: knowing, chance; by what it knows: knowing.")
 
 
 def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):

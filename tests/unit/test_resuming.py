@@ -243,6 +243,18 @@ def test_a_dry_run_tells_the_same_and_changes_nothing(copy, contents):
     assert again(copy) == ([SHORT, OWN], sorted(lines[:2]))
 
 
+def test_the_key_of_a_part_changes_with_its_whole(tmp_path):
+    file = tmp_path / "crop.toml"
+    file.write_text(
+        'name = "crop"\nseeds = 1\n[tasks.whole]\ntype = "maze"\nmap = "S.....T"\n'
+        '[tasks.part]\ntype = "crop"\nof = "whole"\nrows = [0, 1]\ncolumns = [3, 7]\n'
+        '[[transfers]]\nsource = "part"\ntarget = "whole"\nmapping = "same_position"\n'
+    )
+    changes = ([], ["tasks.whole.map='S..P..T'"])
+    keys = [Arms.of(read_study(file, set=change)).keys for change in changes]
+    assert keys[0]["transfer", "part"] != keys[1]["transfer", "part"]
+
+
 def test_another_study_is_not_resumed_into_a_folder(copy):
     file = copy / "own.toml"
     file.write_text(STUDY.replace('"own"', '"other"', 1))

@@ -148,6 +148,13 @@ def test_a_goal_beyond_the_discount_is_no_goal_that_is_reached(limit):
     assert informed.steps_used[0] < 2_000
 
 
+def test_decisions_end_with_the_steps_that_a_seed_took():
+    rule, curve = cr.StoppingRule(200, settled=None), [0.0, 1.0, 1.0, 1.0]
+    decided = rule.decisions([0, 50, 100, 150], curve, used=60)
+    assert [decision.step for decision in decided] == [0, 50]
+    assert len(rule.decisions([0, 50, 100, 150], curve)) == 4
+
+
 def test_an_evaluation_that_would_seem_to_hang_is_refused():
     stay = cr.FiniteMDP.from_dense(
         [[[1, 0.0], [0, 1.0]], [[0, 1], [0, 1.0]]],

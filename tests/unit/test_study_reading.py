@@ -145,7 +145,8 @@ def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
             compare_studies([small, large])
         large.record = large.record.model_copy(update={"arms": arms})
     together = compare_studies([small, large])
-    assert together.total == 1200
+    assert (together.total, together.budget) == (1200, 1000)
+    assert compare_studies([large, small]).budget == 1000
     # ... and what was learnt by it is the same in both.
     short, long = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
     np.testing.assert_array_equal(short.values, long.values)

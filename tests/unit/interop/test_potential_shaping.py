@@ -65,6 +65,22 @@ def test_each_step_gets_what_the_oracle_writes_out(terminal, limit, discount):
     assert next(steps, None) is None
 
 
+def test_a_reset_is_no_step_of_a_weight_that_changes():
+    weight = cr.learning.linear(1.0, 0.0, steps=50)
+    env = PotentialShaping(Autoreset(world()), table, discount=DISCOUNT, weight=weight)
+    state, _ = env.reset(seed=0)
+    taken, over = 0, False
+    for action in actions_of(40).tolist():
+        following, _, terminated, truncated, info = env.step(action)
+        if not over:
+            taken += 1
+            before, after = (1 - (taken - 1) / 50, 1 - taken / 50)
+            ahead = 0.0 if terminated else after * PHI[following]
+            assert info["shaping"] == pytest.approx(DISCOUNT * ahead - before * PHI[state])
+        over, state = terminated or truncated, following
+    assert 20 < taken < 40
+
+
 def test_an_environment_that_resets_itself_keeps_the_reward_of_its_reset():
     env = PotentialShaping(Autoreset(world()), table, discount=DISCOUNT)
     state, _ = env.reset(seed=0)

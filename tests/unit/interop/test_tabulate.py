@@ -225,6 +225,8 @@ def test_estimates_say_so_and_come_close():
     ahead = task.mdp.next_state[row] == task.states.encode(place=2, lit=0)
     # Five standard deviations of a share of 500.
     assert task.mdp.probability[row][ahead].sum() == pytest.approx(0.75, abs=5 * 0.0194)
+    arrived = task.mdp.outcome_row[task.states.encode(place=2, lit=1), 1]
+    assert set(task.mdp.reward[arrived][task.mdp.probability[arrived] > 0]) == {0.0, 1.0}
     again = cr.tabulate(lambda: Slippery("attribute", 0.25), **settings)
     np.testing.assert_array_equal(task.mdp.probability, again.mdp.probability)
 
