@@ -25,6 +25,7 @@ from pathlib import Path
 from traceback import walk_tb
 
 LONGEST, SHOWN_END = 1500, 400  # characters of a sentence, and of its end: the way out
+RAISED = "raised in "  # begins the note on where a user's code raised an error
 MOST_LINES = 100  # mistakes in a study file that are listed
 OWN_MODULE = re.compile(r"\bcurricle_study_[0-9a-f]{16}\.")  # the package of a study's modules
 PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")  # user and password, which stand before a URL's host
@@ -105,7 +106,7 @@ def in_words(error: BaseException) -> str:
     if isinstance(error, CurricleError | ForeignError):
         return str(error)
     try:
-        text = f": {error}" if str(error) else ""
+        text = OWN_MODULE.sub("", f": {error}") if str(error) else ""
     except Exception:  # of the user's class
         text = ", which has no text"
     notes = getattr(error, "__notes__", ())
@@ -113,19 +114,15 @@ def in_words(error: BaseException) -> str:
     return f"{type(error).__name__}{text}" + f" ({place})" * bool(place)
 
 
-RAISED = "raised in "
-
-
 def place_of(error: BaseException) -> str:
     """Return the file, line and function of a user's code that raised an error; "" if none did."""
-    schemes = ("stdlib", "platstdlib", "purelib", "platlib")
-    others = (str(Path(__file__).parent), *map(sysconfig.get_path, schemes), "<")
-    frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]
-    own = [frame for frame in frames if not frame[0].co_filename.startswith(others)]
-    if not own:
-        return ""
-    code, line = own[-1]
-    return f"{RAISED}{code.co_name} of {Path(code.co_filename).name}, line {line}"
+    place, ours = "", (str(Path(__file__).parent), sysconfig.get_path("stdlib"), "<")
+    for frame, line in walk_tb(error.__traceback__):
+        code, path = frame.f_code, Path(frame.f_code.co_filename)
+        installed = {"site-packages", "dist-packages"} & {*path.parts}
+        if not (installed or code.co_filename.startswith(ours)):
+            place = f"{RAISED}{code.co_name} of {path.name}, line {line}"
+    return place
 
 
 def note_place(error: BaseException, doing: str = "") -> None:

@@ -288,12 +288,12 @@ MAPPINGS = [
     (lambda: project(LINE, END, x="row"), "of the source, column, move, row: got 'x'"),
     (
         lambda: project(chain(low=5), chain(4)),
-        "map some pair: no value is in both tasks: place of the target has 5, 6, 7, and "
-        r"place of the source has 0, 1, \.\.\., 3; give both",
+        "map some pair: no value is in both tasks: place of the target runs from 5 to 7, and place "
+        "of the source from 0 to 3; give both",
     ),
     (
         lambda: project(chain(), chain(labels=("up", "down"))),
-        "move of the target has left, right, and move of the source has up, down",
+        "move of the target runs from left to right, and move of the source from up to down; give",
     ),
     (
         lambda: project(chain(9, points=[[0], [2], [8]]), chain(9, points=[[1], [3], [8]])),

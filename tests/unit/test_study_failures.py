@@ -195,3 +195,32 @@ def test_the_exit_code_and_show_tell_of_it(study, tmp_path, curricle):
     assert code == 0
     assert shown.startswith("chain: 4 of 4 seeds finished in every arm that has not failed\n")
     assert shown.endswith(f"state failed: {WORDS}\n")
+
+
+ENVIRONMENT = """
+import gymnasium as gym
+from gymnasium.spaces import Discrete
+
+
+class Fails(gym.Env):
+    observation_space, action_space = Discrete(2), Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        return 0, {}
+
+    def step(self, action):
+        return {}["pos"]
+"""
+
+
+def test_an_environment_that_fails_is_told_with_its_place(tmp_path, curricle):
+    (tmp_path / "own.py").write_text(ENVIRONMENT)
+    (tmp_path / "own.toml").write_text(
+        "name = 'own'\nseeds = 2\n[tasks.own]\ntype = 'gymnasium'\nfactory = 'own:Fails'\n"
+        "discount = 0.9\nbudget = 100\neval_freq = 50\n"
+    )
+    place = r"KeyError: 'pos' \(raised in step of own.py, line 13, for action [01] in state 0\)"
+    code, _, complaint = curricle("check", tmp_path / "own.toml")
+    assert code == 1
+    assert re.fullmatch(f"curricle: {place}", complaint.splitlines()[-1])
+    assert "Traceback" not in complaint

@@ -263,6 +263,14 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(tmp_path, monkeypatch, cal
             "own:make failed: ZeroDivisionError: division by zero (raised in make of own.py, "
             "line 3)",
         ),
+        (
+            "raise GeneratorExit",
+            "own:make failed: GeneratorExit (raised in make of own.py, line 3)",
+        ),
+        (  # not by the name of the package in which modules of a study are imported
+            "return type('Thing', (), {})",
+            "a task must be a FiniteMDP or have its tables as .mdp: got <class 'own.Thing'>",
+        ),
         ("return cr.GridWorld('S')", "a map needs a treasure T: there is none"),
     ],
 )

@@ -14,7 +14,7 @@ from curricle.planning.rollouts import random_step_seconds
 from curricle.planning.target import LARGEST_SOLVED, ROLLOUTS
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, tables
-from curricle.tasks.observation_task import ObservationTask, is_observation_task
+from curricle.tasks.observation_task import ObservationTask, check_observation, is_observation_task
 from curricle.text import duration
 from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
 
@@ -98,7 +98,7 @@ def random_pace(task: Task | ObservationTask) -> float:
         return random_step_seconds(task)
     environment = task.environment()
     environment.action_space.seed(0)
-    environment.reset(seed=0)
+    check_observation(task.observations, environment.reset(seed=0)[0])
     for n in range(STEPS + 1):
         if n == 1:  # the first step compiles
             started = time.perf_counter()

@@ -584,14 +584,6 @@ class Number:
         except (TypeError, ValueError, LookupError):  # of no whole number, or without a part
             return MISSING
 
-    def check_observation(self, observation: object) -> None:
-        """Raise TaskError unless an observation is in the space."""
-        if self(observation) == MISSING:
-            raise TaskError(
-                "an observation must lie in the environment's observation_space, "
-                f"{brief(self.space)}: got {brief(observation)}"
-            )
-
     @cached_property
     def _points(self) -> Space:
         return space_of(self.space, "part")

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from operator import index
 from typing import Any, NamedTuple
 
+import gymnasium
 import numpy as np
 import numpy.typing as npt
 from llvmlite import ir
@@ -34,6 +35,7 @@ from curricle.tasks.models import (
     transition,
     truncated,
 )
+from curricle.tasks.observation_task import check_observation
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
 
 RESET = -1  # sent instead of an action to start an episode
@@ -309,8 +311,7 @@ def _player(
                 action = yield state, earned, terminated, truncated
             begun = reset()
     except BaseException as error:
-        own = error.__traceback__ is not None and error.__traceback__.tb_next is not None
-        if isinstance(error, GeneratorExit) and not own:
+        if isinstance(error, GeneratorExit) and (at := error.__traceback__) and not at.tb_next:
             raise  # at a yield: this generator is closed
         doing = ""
         if action not in (None, RESET):
@@ -410,7 +411,6 @@ def wrong_parts(method: str, returned: object) -> str:
 def numbering(task: LiveMDP) -> Callable[[Any], int]:
     """Return the function from an observation to the number of its state, checked."""
     encode, encode_one, size = task.encode, task.states.encode_one, task.states.size
-    checked = getattr(encode, "check_observation", None)
 
     def number(observation: Any) -> int:
         encoded = observation if encode is None else encode(observation)
@@ -420,8 +420,8 @@ def numbering(task: LiveMDP) -> Callable[[Any], int]:
             state = MISSING
         if 0 <= state < size:
             return state
-        if checked is not None:
-            checked(observation)
+        if isinstance(space := getattr(encode, "space", None), gymnasium.Space):
+            check_observation(space, observation)
         raise TaskError(
             f"an observation must encode to a state, a number in 0..{size - 1} or the values of "
             f"{', '.join(task.states.names)}: {brief(observation)} gives {brief(encoded)}"

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
-from gymnasium.vector.utils import concatenate, create_empty_array
+from gymnasium.vector.utils import batch_space, concatenate, create_empty_array, iterate
 
+from curricle.checks import brief
 from curricle.errors import CurricleError, TaskError, in_words
 from curricle.files import short_digest
 from curricle.tasks.models import check_horizon
@@ -280,6 +281,20 @@ def stack(space: gymnasium.Space[Any], observations: Sequence[Any]) -> Any:
         return np.array(observations, dtype=space.dtype)  # as `concatenate` does, and quicker
     empty: Any = create_empty_array(space, len(observations))
     return concatenate(space, observations, empty)
+
+
+def check_observation(space: gymnasium.Space[Any], observation: object) -> None:
+    """Raise TaskError unless an observation, in its space's types of numbers, is in the space."""
+    try:
+        (read,) = iterate(batch_space(space, 1), stack(space, [observation]))
+        fits = space.contains(read)
+    except (TypeError, ValueError, LookupError, OverflowError):  # as it lacks a part, or a shape
+        fits = False
+    if not fits:
+        raise TaskError(
+            "an observation must lie in the environment's observation_space, "
+            f"{brief(space)}: got {brief(observation)}"
+        )
 
 
 def shapes_of(space: gymnasium.Space[Any], order: Callable[[Any], Any] = tuple) -> Any:

@@ -102,6 +102,11 @@ class Component:
         """Return how `value` prints."""
         return str(value) if self.labels is None else self.labels[value - self.low]
 
+    @property
+    def ends(self) -> str:
+        """The lowest and the highest value as text."""
+        return f"{self.label(self.low)} to {self.label(self.high)}"
+
     def value(self, wanted: Any) -> int:
         """Return the value that a number or a label names; TaskError if there is none."""
         if isinstance(wanted, str) and wanted in (self.labels or ()):
@@ -109,8 +114,7 @@ class Component:
         is_number = isinstance(wanted, Real) and not isinstance(wanted, bool)
         if is_number and self.low <= wanted <= self.high and wanted == int(wanted):
             return int(wanted)
-        ends = f"{self.label(self.low)} to {self.label(self.high)}"
-        raise TaskError(f"{self.name} runs from {ends}: got {wanted!r}")
+        raise TaskError(f"{self.name} runs from {self.ends}: got {wanted!r}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -327,11 +331,7 @@ def action_name(space: Space, action: int) -> str:
 
 
 def entry_names(name: str, shape: Sequence[int]) -> list[str]:
-    """Return a name for each entry of an array: numbered from 1, or by its indices from 0.
-
-    >>> entry_names("agent", (2,)), entry_names("visited", (1, 2))
-    (['agent_1', 'agent_2'], ['visited_0_0', 'visited_0_1'])
-    """
+    """Return a name for each entry of an array: numbered from 1, or by its indices from 0."""
     # A flat number would be another place in an array of another width.
     if len(shape) < 2:
         return [f"{name}_{i + 1}" for i in range(math.prod(shape))]

@@ -101,8 +101,8 @@ class ComponentMapping(PairMapping):
             for component in other.components:
                 origin = _origin(space, component, self.renaming)
                 if _disjoint(origin, component, self.unequal):
-                    target_values = f"{origin.name} of the target has {_listed(origin)}"
-                    source_values = f"{component.name} of the source has {_listed(component)}"
+                    target_values = f"{origin.name} of the target runs from {origin.ends}"
+                    source_values = f"{component.name} of the source from {component.ends}"
                     return f"no value is in both tasks: {target_values}, and {source_values}"
         return "" if target.states.is_box and source.states.is_box else super().why_empty
 
@@ -215,14 +215,6 @@ def _disjoint(origin: Component, component: Component, unequal: Unequal) -> bool
         return not {*origin.labels} & {*component.labels}
     apart = origin.high < component.low or component.high < origin.low
     return unequal == "unmapped" and apart
-
-
-def _listed(component: Component) -> str:
-    """Return a component's values as text, the first and the last where they are many."""
-    low, high = component.low, component.high
-    if component.size <= 3:
-        return ", ".join(map(component.label, range(low, high + 1)))
-    return f"{component.label(low)}, {component.label(low + 1)}, ..., {component.label(high)}"
 
 
 def _values_of(origin: Component, component: Component, unequal: Unequal) -> IntArray:

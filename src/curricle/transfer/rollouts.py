@@ -27,7 +27,7 @@ from curricle.tasks.mdp import (
     closed,
     generative_model,
 )
-from curricle.tasks.observation_task import Observations, ObservationTask, stack
+from curricle.tasks.observation_task import Observations, ObservationTask, check_observation, stack
 from curricle.transfer.potential import ObservationPotential
 
 LARGEST_ROLLED_OUT = 10_000_000  # most pairs (S x A) of a potential whose policy is rolled out
@@ -64,6 +64,7 @@ class Environments:
             environment.reset(seed=splitmix64(seed ^ k) >> 33)[0]
             for k, environment in enumerate(self.environments)
         ]
+        check_observation(self.task.observations, current[0])
         rewards, observations = ([list[Any]() for _ in range(n)] for _ in range(2))
         terminated, truncated, running = [False] * n, [False] * n, list(range(n))
         for _ in range(self.max_steps):

@@ -8,6 +8,7 @@ import pytest
 from gymnasium import spaces
 
 import curricle as cr
+from curricle.comparison.cost import random_pace
 from curricle.errors import TaskError, in_words
 from curricle.planning.rollouts import random_rollouts
 
@@ -291,8 +292,12 @@ def test_an_observation_without_a_part_is_refused_at_the_first_reset():
 
     task = cr.from_gymnasium(Partial, discount=0.9, live=True)
     says = r"observation_space, Dict\('a': Discrete\(2\), 'b': .*: got \{'a': 0\}"
-    with pytest.raises(cr.errors.TaskError, match=says):
-        cr.learn(task, budget=10, evaluation=OFF)
+    for refused in (
+        lambda: cr.learn(task, budget=10, evaluation=OFF),
+        lambda: random_pace(cr.observation_task(Partial, discount=0.9)),
+    ):
+        with pytest.raises(cr.errors.TaskError, match=says):
+            refused()
 
 
 @pytest.mark.parametrize("turned", [cr.from_gymnasium, cr.tabulate, cr.observation_task])

@@ -27,7 +27,6 @@ from curricle.comparison.opponents import visited_states
 from curricle.curriculum.curriculum import SOURCES_SHARE
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.gymnasium import (
-    Number,
     actions_of,
     from_gymnasium,
     has_table,
@@ -46,7 +45,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.study_file.own_code import users_code
 from curricle.tasks.live import action_mask, checked_parts, is_live, seeded_reset
 from curricle.tasks.mdp import tables
-from curricle.tasks.observation_task import EnvironmentMaker
+from curricle.tasks.observation_task import EnvironmentMaker, check_observation
 from curricle.transfer.by_components import project
 
 DISCOUNT = 0.99
@@ -90,7 +89,7 @@ class Play:
         over = cut = False
         observed, info = checked_parts("reset", seeded_reset(env, seed))
         if is_discrete(env.observation_space):
-            Number(env.observation_space).check_observation(observed)
+            check_observation(env.observation_space, observed)
         self.masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
         while True:
             leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
