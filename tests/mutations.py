@@ -377,7 +377,7 @@ MUTATIONS = [
         ' if sides[1].reasons[name].why in ("knowledge", "mapping")', "",
         ("tests/unit/test_audit.py::test_only_arms_that_gain_more_than_their_placebos_pay_by_what_they_know",)),
     Mutation("the key of a crop forgets its maze", "study/arms.py",
-        "of.items() if k not in SETTINGS} for of in wholes]", "of.items() if k in ()} for of in wholes]",
+        "if k not in SETTINGS} for of in wholes]", "if k in ()} for of in wholes]",
         ("tests/unit/test_resuming.py::test_the_key_of_a_part_changes_with_its_whole",)),
     Mutation("compared studies have the budget of the first", "study/results.py",
         "budget = min(study.record.budget or 0 for study in studies)", "budget = first.budget or 0",

@@ -235,3 +235,48 @@ def test_settings_of_a_tuning_that_no_network_takes_are_refused_beforehand(tmp_p
     with pytest.raises(ConfigError, match="got 'n_step', did you mean 'n_steps'"):
         run_study(read_study(file), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
+    file = tmp_path / "carts.toml"
+    file.write_text(
+        """
+        name = "carts"
+        seeds = 1
+        [learner]
+        type = "deep"
+        algorithm = "PPO"
+        settings = { n_steps = 64, batch_size = 64, policy_kwargs = { net_arch = [8] } }
+        [tasks.short]
+        type = "observation_task"
+        id = "CartPole-v1"
+        time_limit = 50
+        budget = 128
+        eval_freq = 64
+        [tasks.cart]
+        type = "observation_task"
+        id = "CartPole-v1"
+        budget = 192
+        eval_freq = 64
+        evaluation = { discounted = false }
+        [[transfers]]
+        source = "short"
+        target = "cart"
+        mapping = "identity"
+        [arms.state]
+        shaping = "StateShaping"
+        [arms.weights]
+        shaping = "WeightTransfer"
+        """
+    )
+    results = run_study(read_study(file), tmp_path / "out")
+    assert results.result("weights", "cart", values=True).values
+    starts = [results.results[arm]["cart"].greedy_return[0, 0] for arm in ("scratch", "weights")]
+    assert starts[0] != starts[1]
+    state = Arms.of(read_study(file)).curricula["state"]
+    short = results.trained("state", state)["short"]
+    assert not short.values[0].of_actions
+    assert short.values[0].v(seen(state.tasks["short"])).shape == (40,)
+    page = write_report(tmp_path / "out").read_text()
+    assert "This study kept no snapshots" in page
+    assert ">nan" not in page

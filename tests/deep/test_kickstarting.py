@@ -1,5 +1,8 @@
 """An actor that starts as a source's policy, and is kept near it less and less."""
 
+from functools import partial
+
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -171,3 +174,31 @@ def test_weights_of_other_layers_and_a_pull_of_an_unknown_policy_are_refused():
     ):
         with pytest.raises(cr.errors.SettingError, match=says):
             model_for(task, target, cr.deep.WeightTransfer(network, kl=kl))
+
+
+class Parts(gymnasium.Env):
+    observation_space = gymnasium.spaces.Box(-1, 1, (2,), np.float32)
+
+    def __init__(self, actions):
+        self.action_space = actions
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(2, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(2, np.float32), float(action[0]), False, False, {}
+
+
+def test_a_pull_takes_actions_of_several_parts():
+    actions = gymnasium.spaces.MultiDiscrete([2, 3])
+    task = cr.observation_task(partial(Parts, actions), discount=0.9, time_limit=10)
+    first = model_for(task, learner(), seed=1)
+    shaping = cr.deep.WeightTransfer(source(task, NetworkValues(first.policy)), kl=1.0)
+    model = model_for(task, learner(), shaping, seed=2)
+    seen, weights = torch.zeros((4, 2)), Weights()
+    with torch.no_grad():
+        model.policy.evaluate_actions(seen, torch.zeros((4, 2)))
+        assert torch.allclose(model.policy._distance(seen), torch.zeros(4), atol=1e-6)
+    model.learn(256, callback=weights)
+    assert weights.seen[1] > 0

@@ -2,6 +2,8 @@
 
 import re
 import shutil
+import subprocess
+import sys
 
 import pytest
 
@@ -33,6 +35,7 @@ def test_another_schema_version_is_refused_with_what_to_do(tmp_path, version):
     (tmp_path / "study.json").write_bytes(sealed(study))
     before = (tmp_path / "study.json").read_bytes()
     form = "no schema version" if version is None else f"schema version {version}"
+    form += ", of a later Curricle," * (version == SCHEMA_VERSION + 1)
     for read in (opened, StudyStore):
         with pytest.raises(StoreError) as caught:
             read(tmp_path)
@@ -70,3 +73,35 @@ def test_two_files_of_one_seed_are_refused(study_file, copied, tmp_path):
     shutil.copytree(tmp_path / "part" / "units", copied / "units", dirs_exist_ok=True)
     with pytest.raises(StoreError, match=r"must be in one file: .*-0-1\.npz and .*-1-2\.npz hold"):
         _ = StudyResults(copied).seeds
+
+
+@pytest.mark.parametrize(
+    "command", [("show",), ("compare",), ("report",), ("play", "--arm", "chain")]
+)
+def test_a_command_lists_a_folder_once_and_reads_each_file_once(copied, command):
+    script = f"""
+import sys
+opened, listed = [], []
+def note(event, arguments):
+    if event == "open" and str(arguments[0]).startswith({str(copied)!r}) and arguments[1] is None:
+        opened.append(arguments[0])
+    if event == "os.scandir" and str(arguments[0]).startswith({str(copied)!r}):
+        listed.append(str(arguments[0]))
+sys.addaudithook(note)
+sys.argv = ["curricle", {command[0]!r}, {str(copied)!r}, *{command[1:]!r}]
+from curricle.cli import main
+try:
+    main()
+finally:
+    assert len({{*map(str, opened)}}) == len(opened) > 0, opened
+    assert len({{*listed}}) == len(listed), listed
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_unit_of_another_task_than_is_asked_for_is_refused(finished):
+    store = StudyStore(finished)
+    unit = next(unit for unit in store.units() if unit.about.task == "corner")
+    with pytest.raises(StoreError, match="it is of task 'corner', not 'maze'"):
+        store.content(unit, "maze")

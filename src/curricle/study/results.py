@@ -351,7 +351,7 @@ class StudyResults:
         analysis = self.store.record(ANALYSIS, Analysis)
         return analysis if analysis.of else None
 
-    @property
+    @cached_property
     def runs(self) -> tuple[RunRecord, ...]:
         """The records of all runs so far."""
         return self.store.record(RUNS, RunsRecord).runs

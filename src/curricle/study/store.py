@@ -428,7 +428,7 @@ class StudyStore:
         if version != SCHEMA_VERSION:
             stated = "no schema version" if version is None else f"schema version {version}"
             if isinstance(version, int) and version > SCHEMA_VERSION:
-                stated += f", of a later Curricle ({self.description.get('curricle')}),"
+                stated += ", of a later Curricle,"
             raise StoreError(
                 f"{self.path / STUDY} has {stated} and this Curricle reads {SCHEMA_VERSION}: run "
                 "the study again into a new folder, or read it with the version that wrote it"

@@ -1,6 +1,8 @@
 """Live tasks: learning in them, and what goes wrong in an environment surfaces as it is."""
 
+import _thread
 import re
+import signal
 
 import gymnasium as gym
 import numpy as np
@@ -312,3 +314,16 @@ def test_environments_without_spaces_are_refused(turned):
         turned(Spaceless, discount=0.9)
     with pytest.raises(cr.errors.TaskError, match=r"action_space of an environment must .* has 2"):
         turned(Half, discount=0.9)
+
+
+def test_an_interrupt_from_the_keyboard_stops_learning():
+    log = []
+
+    def fail(log):
+        if log.count("step") == 30:
+            _thread.interrupt_main(signal.SIGINT)
+
+    task = watched(log, fail)
+    with pytest.raises(KeyboardInterrupt):
+        cr.learn(task, budget=10**9, eval_freq=10**6, seeds=2, workers=2)
+    assert log.count("open") == log.count("close")
