@@ -57,6 +57,11 @@ class Mutation(NamedTuple):
 
 # fmt: off
 MUTATIONS = [
+    Mutation("indices are converted again after their check", "tasks/mdp.py",
+        "            object.__setattr__(self, name, numbers)", "            pass",
+        ("tests/unit/test_frozen_arrays.py::test_what_is_kept_is_what_was_checked",)),
+    Mutation("a mapping by name may map no pair", "transfer/by_components.py",
+        "    if mapping.why_empty:", "    if not mapping:", ("tests/unit/test_mapping.py",)),
     Mutation("a link in the place of a lock followed", "study/store.py",
         "    if (path / LOCK).is_symlink():", "    if not path:",
         ("tests/unit/test_hostile_files.py::test_a_lock_that_is_a_link_is_not_followed",)),
