@@ -26,7 +26,7 @@ from traceback import walk_tb
 
 LONGEST, SHOWN_END = 1500, 400  # characters of a sentence, and of its end: the way out
 RAISED = "raised in "  # begins the note on where a user's code raised an error
-MOST_LINES = 100  # mistakes in a study file that are listed
+MOST_LINES = 20  # mistakes in a study file that are listed
 OWN_MODULE = re.compile(r"\bcurricle_study_[0-9a-f]{16}\.")  # the package of a study's modules
 PASSWORD = re.compile(r"(?<=:)/+[^/\s@]+@")  # user and password, which stand before a URL's host
 

@@ -126,11 +126,15 @@ class RunTable(Table):
     that the file has."""
 
 
+MOST_TRANSFERS = 1_000  # of a study or an arm, each of which has a mapping
+Transfers = Annotated[tuple[TransferTable, ...], Field(max_length=MOST_TRANSFERS)]
+
+
 class ArmTables(Table):
     """The curriculum of one arm: tasks, each with all its settings, and transfers."""
 
     tasks: dict[str, AnyTask] = Field(min_length=1)
-    transfers: tuple[TransferTable, ...] = ()
+    transfers: Transfers = ()
 
     @model_validator(mode="after")
     def _all_fits(self) -> Self:
@@ -181,7 +185,7 @@ class FileTable(RunTable, Settings):
 
     tasks: dict[str, Annotated[AnyTask, Unvalidated]] = Field(min_length=1)
     """The tasks by name, each with settings of its own."""
-    transfers: tuple[TransferTable, ...] = ()
+    transfers: Transfers = ()
     """The transfers between tasks."""
     scratch_learners: dict[Name, Annotated[AnyLearner, Unvalidated]] = Field({})
     """Further learners from scratch by name, each what it changes in the target's."""

@@ -93,7 +93,7 @@ PHRASES = {
     "less_than_equal": "must be at most {le:,}",
     "string_too_short": "must not be empty",
     "too_short": "must have {min_length} or more entries",
-    "too_long": "must have {max_length} entries",
+    "too_long": "must have at most {max_length} entries",
     "literal_error": "must be {expected}",
 }
 """Type of a Pydantic error -> its message, as the rest of a sentence."""

@@ -431,7 +431,7 @@ class FamilyTask(TaskTable):
 
 # -- Tasks of the library: mazes, crops, pursuits, other domains -----------------------------------
 
-LARGEST_FILE = 10_000_000  # most bytes of a study file or a map; the largest example has 3,000
+LARGEST_FILE = 2**20  # most bytes of a study file or a map; the largest example has 3,000
 Pair = tuple[Whole, Whole]
 CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)  # tasks that can be cropped
 
