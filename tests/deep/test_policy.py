@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from gymnasium.envs.classic_control import CartPoleEnv
 from stable_baselines3 import DQN, PPO
 
 import curricle as cr
@@ -174,6 +175,9 @@ MISTAKES = {
         policy_kwargs={"net_arch": [-3]}
     ),
     "DQN must take its task .* says ": refused_by_sb3(policy_kwargs={"net_arch": "x"}),
+    "evaluation of 'cart' cannot end: an undiscounted": lambda *_: cr.Curriculum(
+        {"cart": cr.observation_task(CartPoleEnv, discount=0.9)}, learner=DEEP_Q
+    ),
     "own task: .* has observations": loaded(CART, ACTOR),
     "the task, learner and shaping they were trained with: .*DQN": loaded(LAKE, DEEP_Q),
     "does not take these parameters": loaded(LAKE, TINY),

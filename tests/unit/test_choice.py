@@ -220,6 +220,8 @@ def test_what_cannot_be_chosen_from_is_refused(how, error, says):
         cr.choose(MAZE, **how)
     with pytest.raises(TaskError, match="on="):
         cr.choose(cr.from_gymnasium("FrozenLake-v1", discount=0.99, live=True))
+    with pytest.raises(SettingError, match=r"call choose\(plan.tasks\['t'\], \[plan\]\)"):
+        cr.choose(PLAN)
 
 
 # -- Carried over from a smaller relative ----------------------------------------------------------

@@ -427,7 +427,6 @@ def pair(*rivals, **settings):
         (copied(ring()), {"controls": ["placebo"]}, "given by functions or played live has no tab"),
         ({"mine": SPARSE}, {"controls": ["pretraining"]}, "of 'hunt' is sparse in arm 'mine'"),
         (corner(), {"window": 0}, "window must be a whole number, at least 1: got 0"),
-        (corner(), {"window": 32}, "at most 31, the checkpoints within .* budget: got 32"),
         (corner(), {"threshold": float("nan")}, "threshold must be finite: got nan"),
         (corner(), {"seeds": 0}, "seeds must be a whole number, at least 1: got 0"),
     ],

@@ -295,6 +295,12 @@ def choose(
     >>> choice.curriculum, choice.alone
     (None, 'OptimisticQLearning')
     """
+    if isinstance(target, Curriculum):
+        name = target.target
+        raise SettingError(
+            f"a choice takes the target, and curricula for it as candidates: got {target!r}; call "
+            f"choose(plan.tasks[{name!r}], [plan])"
+        )
     played_settings = settings
     if on is not None:
         budget = whole_number("budget", settings.get("budget", DEFAULT_STEPS), 1, SettingError)

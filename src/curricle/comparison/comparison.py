@@ -137,7 +137,8 @@ def compare(
         Return that counts as learnt. By default nine tenths of the way from the random policy's
         return to the optimum; midway up the curve of scratch if no optimum above random is known.
     window : int
-        Checkpoints over which curves are smoothed to find when they reach the threshold.
+        Checkpoints over which curves are smoothed to find when they reach the threshold; fewer
+        where the target's budget has fewer.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
@@ -164,12 +165,7 @@ def compare(
     check_progress(progress)
     memory = Memory()
     plan = comparison_plan(arms, memory, controls, opponents, scratch)
-    window = whole_number("window", window, 1, SettingError)
-    if window > checkpoints(plan):
-        raise SettingError(
-            f"window must be at most {checkpoints(plan)}, the checkpoints within the target's "
-            f"budget: got {window}"
-        )
+    window = min(whole_number("window", window, 1, SettingError), checkpoints(plan))
     if threshold is not None:
         threshold = number("threshold", threshold, SettingError)
     reference = Reference.before(plan.target_node, threshold)  # solving the target may fail

@@ -102,6 +102,13 @@ class Node:
         if self.deep:
             check_spaces(self.task, self.learner)
             check_evaluation(self.evaluation)
+            if self.evaluation.method != "off" and not self.distilled:
+                try:
+                    self.evaluation.horizon(self.task)
+                except SettingError as error:
+                    raise SettingError(
+                        f"the evaluation of {self.name!r} cannot end: {error}"
+                    ) from None
         if self.shaping.potential is not None:
             raise CurriculumError(
                 "the shaping of a curriculum's task must have no potential of its own, because "
