@@ -273,7 +273,7 @@ def test_tables_and_networks_take_a_class_too(built_room):
     assert task.actions.label(1) == "action=go"
     assert task.states.label(task.state(np.array([1, 3]))) == "where=7"
     observed = ('room = { type = "observation_task", factory = "own:Room", encode = "own:seen", '
-                'learner = { type = "deep" } }')  # fmt: skip
+                'time_limit = 9, learner = { type = "deep" } }')  # fmt: skip
     seen = built_room(observed)
     assert seen.observations.shape == (7,)
     assert str(seen.make) == "own:Room(encode=own:seen)"  # as the file names them

@@ -64,7 +64,7 @@ def test_what_is_no_file_is_not_waited_for(kind):
     no_file(Path("map.txt"), kind)
     no_file(Path("other.toml"), kind)
     for name in ("study.toml", "other.toml"):
-        with pytest.raises(ConfigError, match=r"regular file|directory|more than 10,000,000 bytes"):
+        with pytest.raises(ConfigError, match=r"regular file|directory|more than 1,048,576 bytes"):
             read_study(name)
 
 

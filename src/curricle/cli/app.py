@@ -121,7 +121,9 @@ def _announce_imports() -> None:
     from curricle.study_file.own_code import LOGGER
 
     if not LOGGER.handlers:
-        LOGGER.addHandler(logging.StreamHandler())
+        handler = logging.Handler()
+        handler.emit = lambda record: echo(handler.format(record), err=True)  # type: ignore[method-assign]
+        LOGGER.addHandler(handler)
         LOGGER.setLevel(logging.INFO)
         LOGGER.propagate = False  # or what a module does to the root logger would say it again
 

@@ -149,8 +149,9 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     arms = "every arm" + " that has not failed" * bool(results.failed)
     total = counted(len(record.seeds), "seed")
     done = f"{len(results.seeds)} of {total} finished in {arms}"
-    print_text(f"{record.name}: {done}{seeds_left(results)}")
-    if yet_to_tune := tuning_words(results.store):
+    yet_to_tune = tuning_words(results.store)
+    print_text(f"{record.name}: {done}{'' if yet_to_tune else seeds_left(results)}")
+    if yet_to_tune:
         print_text(yet_to_tune)
     if record.chosen:
         print(record.chosen)
