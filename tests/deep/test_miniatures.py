@@ -67,7 +67,7 @@ def test_an_actor_critic_starts_as_what_was_distilled_unless_told_otherwise():
     assert shaping(cr.deep.DeepLearner("DQN")) == cr.QInitialisation()
     other = cr.deep.DeepLearner("A2C")
     apart = plan(None).replace("large", learner=other)
-    assert apart.node("large").shaping == cr.QInitialisation()
+    assert apart.node("large").shaping == cr.StateShaping()
     learnt = {"small": room(), "large": room(8)}
     by_steps = cr.Curriculum(learnt, [cr.Transfer("small", "large")], learner=PPO, budget=64)
     assert by_steps.node("large").shaping == cr.QInitialisation()

@@ -54,10 +54,13 @@ def test_only_arms_that_gain_more_than_their_placebos_pay_by_what_they_know():
         "knowing": SimpleNamespace(why="knowledge"),
         "chance": SimpleNamespace(why="placebo"),
     }
-    comparison = SimpleNamespace(withheld="", verdicts=verdicts, reasons=reasons)
+    comparison = SimpleNamespace(withheld="", nobody="", verdicts=verdicts, reasons=reasons)
     side = SimpleNamespace(comparison=comparison)
     said = Audit(side, side).sentence
     assert said.endswith("against fair opponents: knowing, chance; by what it knows: knowing.")
+    nobody = SimpleNamespace(withheld="nobody learnt", nobody="nobody learnt", verdicts={})
+    said = Audit(SimpleNamespace(comparison=nobody), side).sentence
+    assert said.startswith("Shown to pay as configured: nobody learnt; against fair opponents: kn")
 
 
 def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):

@@ -326,7 +326,7 @@ def test_studies_of_one_target_are_compared(curricle, refused, study_file, finis
     )
     refused(
         1,
-        "threshold: 'chain' and 'chain' have None and 5.5; state one",
+        "threshold: 'chain' and 'chain' have none stated and 5.5; state one",
         "compare",
         "a/of_600",
         "c/of_600",

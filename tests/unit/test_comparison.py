@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -15,7 +16,9 @@ from curricle.comparison.sentences import (
     findings,
     headline,
     lines_below,
+    meanings,
     nothing_learnt,
+    page_table,
 )
 from curricle.comparison.trial import Trial
 from curricle.errors import CurriculumError, SettingError
@@ -156,7 +159,10 @@ def test_where_no_arm_is_above_random_play_there_is_neither_a_threshold_nor_a_ga
     assert headline(nobody).startswith("Nobody learnt: no arm is above random play")
     assert [finding.tone for finding in findings(nobody)] == ["open"]
     one_seed = np.where(np.arange(8)[:, None] == 5, 9.0, low)  # one of eight learnt
-    for learnt in (low + 0.5, one_seed):
+    stuck = np.where(np.arange(8)[:, None] < 2, -900.0, 9.0).repeat(9, 1)  # two are far below
+    assert page_table(nobody)["mine"]["steps_to_threshold"].text == "−"
+    assert "nan" not in str(dict(meanings(nobody)))
+    for learnt in (low + 0.5, one_seed, stuck):
         some = replace(nobody, arms={**nobody.arms, "mine": arm_of(learnt)})
         assert some.nobody == ""
         assert np.isfinite(some.contrasts["mine"].strong_gain.estimate)
@@ -170,9 +176,27 @@ def test_random_play_is_measured_where_the_target_is_not_solved(threshold):
     node = cr.Curriculum({"cart": live}, budget=100, eval_freq=50).node("cart")
     reference = Reference.before(node, threshold)
     assert 15 < reference.random_return < 30
-    assert 0 < reference.random_noise < 15
+    assert 0 < reference.random_error < reference.random_noise < 15
     exact = Reference.before(corner().node("maze"), None)
     assert (exact.random_noise, exact.random_return < exact.optimum) == (0.0, True)
+    sampled = cr.GreedyEvaluation("rollouts", episodes=200_000)  # as many as there may be
+    assert 0 < Reference.before(corner(evaluation=sampled).node("maze"), threshold).random_noise < 1
+
+
+def test_random_play_of_a_network_ends_as_its_evaluation_does():
+    made = []
+
+    def endless():
+        made.append(gym.make("CartPole-v1").unwrapped)
+        return made[-1]
+
+    task = cr.observation_task(endless, discount=0.9)
+    settings = {"learner": cr.deep.DeepLearner(), "budget": 100, "eval_freq": 50}
+    evaluation = GreedyEvaluation(discounted=True, episodes=100)
+    node = cr.Curriculum({"cart": task}, evaluation=evaluation, **settings).node("cart")
+    made.clear()
+    assert 5 < Reference.before(node, None).random_return < 10
+    assert len(made) <= 52
 
 
 def test_where_the_random_policy_is_optimal_up_to_rounding_there_is_nothing_to_learn():

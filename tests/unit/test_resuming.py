@@ -267,6 +267,21 @@ def test_another_study_is_not_resumed_into_a_folder(copy):
     assert all(path.read_bytes() == content for path, content in held.items())
 
 
+def test_a_folder_counts_the_looks_at_what_it_judges(copy):
+    file = copy / "own.toml"
+
+    def looks(*changes):
+        return run_study(
+            read_study(file, set=changes), copy / "out", resume=True, workers=1, report=print
+        ).looks
+
+    assert looks() == (2,)
+    assert looks("seeds=3") == (2,)
+    assert looks("seeds=3") == (2, 3)
+    assert StudyResults(copy / "out").comparison.earlier == []  # with two seeds nothing was judged
+    assert looks("seeds=4", "learner.learning_rate=0.3") == (2, 3)  # of other data
+
+
 def test_fewer_seeds_with_other_settings_are_told_how_to_finish(copy, capsys):
     changed = read_study(copy / "own.toml", set=["seeds=1", "learner.learning_rate=0.3"])
     told = []

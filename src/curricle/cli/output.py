@@ -25,7 +25,14 @@ from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig, rivals
 from curricle.study.results import StudyResults
 from curricle.study.running import usable_units
-from curricle.study.store import Finished, StudyStore, check_ours, holds_study
+from curricle.study.store import (
+    CHOICE,
+    TRIALS,
+    Finished,
+    StudyStore,
+    check_ours,
+    holds_study,
+)
 from curricle.study.tuning import effects_of, tuned_before, tuning_words
 from curricle.study_file.vary import value_text
 from curricle.tasks.live import is_live
@@ -192,9 +199,10 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
 
 
 def seeds_left(results: StudyResults) -> str:
-    """Return how to finish a folder that lacks seeds in some arm; empty if it lacks none."""
-    seeds, done = results.record.seeds, len(results.seeds)
-    if done == len(seeds):
+    """Return how to finish seeds that the last run did not plan; empty if there are none."""
+    seeds, store = results.record.seeds, results.store
+    planned = {*results.runs[-1].seeds} if results.runs else {*seeds}
+    if store.path.name in (TRIALS, CHOICE) or planned >= {*seeds} - {*results.seeds}:
         return ""
     whole = seed_ranges(seeds).replace("+", ",")
     return f"; run with --resume --seeds {whole} for the rest, or fewer seeds into another folder"

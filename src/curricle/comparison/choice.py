@@ -29,7 +29,7 @@ from curricle.comparison.comparison import (
 from curricle.comparison.measures import Arm, Reference
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
-from curricle.comparison.sentences import columns_of, interval_of, short
+from curricle.comparison.sentences import columns_of, interval_of, nothing_learnt, short
 from curricle.comparison.task_differences import differences
 from curricle.comparison.trial import WINDOW, hindrance
 from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
@@ -131,6 +131,8 @@ class Choice:
         """The choice as a sentence."""
         best = self.name or self.rows[0]["name"]
         verdict = self.comparison.verdicts[best]
+        if self.comparison.nobody:
+            return f"no curriculum: {nothing_learnt(self.comparison)}"
         gain = f"{short(verdict.gain)} in mean return on {self.comparison.seeds} fresh seeds"
         if self.name:
             p = f"p = {verdict.adjusted_p:.2g}"

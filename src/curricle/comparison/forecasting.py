@@ -300,7 +300,7 @@ class Forecast:
     @property
     def best(self) -> ForecastRow:
         """The row with the highest gain; that in use without a trial."""
-        gains = {row: _estimate(row) for row in self.rows if row.gain is not None}
+        gains = {row: _estimate(row) for row in self._tried}
         return max(gains, key=gains.__getitem__, default=self.used)
 
     @property
@@ -338,12 +338,18 @@ class Forecast:
     @property
     def _cells(self) -> list[tuple[str, str]]:
         """The rows that were tried: name, with a star if it is used, and gain."""
-        tried = ((row, row.gain) for row in self.rows)
+        gains = ((row, row.gain) for row in self._tried)
         return [
             (row.name + " *" * row.used, f"{gain.estimate:.3g}")
-            for row, gain in tried
+            for row, gain in gains
             if gain is not None
         ]
+
+    @property
+    def _tried(self) -> list[ForecastRow]:
+        """The rows with a gain; none where nobody learnt in the trial."""
+        nobody = self.trial is not None and self.trial.comparison.nobody
+        return [] if nobody else [row for row in self.rows if row.gain is not None]
 
     @property
     def _sentences(self) -> list[str]:

@@ -26,7 +26,8 @@ from curricle.comparison.verdicts import (
 from curricle.curriculum.curriculum import Node
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
-from curricle.planning.target import BATCHES, STANDARD_ERRORS, Target, possible_returns
+from curricle.planning.policy_evaluation import RolloutEvaluation
+from curricle.planning.target import STANDARD_ERRORS, Target, possible_returns
 from curricle.statistics.curves import (
     ROUNDING,
     SCRATCH,
@@ -65,8 +66,9 @@ class Reference:
     random_return, optimum : float or None
         Returns of the uniformly random and of an optimal policy. The optimum is None where the
         target cannot be solved, or is not solved because the threshold was stated.
-    random_noise : float
-        Standard deviation of an evaluation of the random policy; 0 where evaluations are exact.
+    random_error, random_noise : float
+        Standard error of the random policy's return, 0 where it is exact; and the standard
+        deviation of one evaluation of it, 0 where evaluations are exact.
     possible : (float, float) or None
         Lowest and highest return of an episode, within which intervals of mean returns end; None
         where the tables do not tell, and then the extremes of the curves stand in.
@@ -85,6 +87,7 @@ class Reference:
     random_return: float | None = None
     optimum: float | None = None
     possible: tuple[float, float] | None = None
+    random_error: float = 0.0
     random_noise: float = 0.0
 
     @classmethod
@@ -104,14 +107,20 @@ class Reference:
     def before(cls, node: Node, stated: float | None) -> Self:
         """Return :meth:`of` a task, which is not solved where the threshold is stated."""
         possible = possible_returns(node.task, node.evaluation.discount(node.task))
+        reference = cls(stated, MIDPOINT if stated is None else STATED)
         if stated is None:
             target = target_of(node.task, node.evaluation)
-            if target.solution is not None:
-                return replace(cls.of(target), possible=possible)
-        random = random_play(node.task, node.evaluation)
-        reference = cls(stated, MIDPOINT if stated is None else STATED, possible=possible)
-        one_evaluation = random.noise * math.sqrt(BATCHES)
-        return replace(reference, random_return=random.value, random_noise=one_evaluation)
+            reference = cls.of(target) if target.solution is not None else reference
+        reference = replace(reference, possible=possible)
+        sampled = node.deep or isinstance(node.evaluation.kernel(node.task), RolloutEvaluation)
+        if reference.random_return is not None and not sampled:
+            return reference
+        random, one_evaluation = random_play(node.task, node.evaluation)
+        noise = one_evaluation if sampled else 0.0
+        if reference.random_return is not None:
+            return replace(reference, random_noise=noise)
+        value, error, _ = random
+        return replace(reference, random_return=value, random_error=error, random_noise=noise)
 
     @property
     def nothing_to_learn(self) -> bool:
@@ -300,19 +309,24 @@ class MeasuredArms:
     def nobody(self) -> str:
         """The text that nobody learnt; empty if an arm is above random play, or that is unknown.
 
-        An arm is above it if its mean return, or its return in the end, averaged over K seeds, is
-        so by more than two standard errors of random play in K and in `BATCHES` evaluations.
+        An arm is above it if its mean return, or its return in the end, is so by more than noise:
+        of the mean over K seeds by two standard errors, or of a single seed by as many more as the
+        largest of all seeds has by chance.
         """
         random, noise = self.reference.random_return, self.reference.random_noise
-        best = self.reference.optimum
+        error, best = self.reference.random_error, self.reference.optimum
         # Random play may be the best where returns are judged by another discount than learnt.
         if random is None or (best is not None and best <= random + ROUNDING * abs(random)):
             return ""
-        margin = STANDARD_ERRORS * noise * math.sqrt(1 / BATCHES + 1 / self.seeds)
-        level = random + margin + ROUNDING * abs(random)
         ends = (asymptotic_performance(arm.charged(self.scratch)) for arm in self.arms.values())
-        heights = [float(returns.mean()) for returns in (*self.returns.values(), *ends)]
-        return "nobody learnt" * all(height <= level for height in heights)
+        heights = np.stack([*self.returns.values(), *ends])
+        largest = STANDARD_ERRORS + math.sqrt(2 * math.log(heights.size))
+        of_mean = STANDARD_ERRORS * math.hypot(error, noise / math.sqrt(self.seeds))
+        of_seed = largest * math.hypot(error, noise)
+        level = random + ROUNDING * abs(random)
+        means = heights.mean(axis=1)
+        learnt = (means > level + of_mean).any() or (heights > level + of_seed).any()
+        return "" if learnt or np.isnan(means).any() else "nobody learnt"
 
     @property
     def threshold_from(self) -> str:

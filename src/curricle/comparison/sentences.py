@@ -74,7 +74,11 @@ def _interval(key: str, arms: MeasuredArms, row: Row) -> str:
 def _saved(key: str, arms: MeasuredArms, row: Row) -> str:
     text, both = _interval(key, arms, row), (row["arm"], row["against"])
     strong = key.startswith("strong")
-    if text and not any(arms.times(arm, strong=strong).reached.any() for arm in both):
+    if (
+        text
+        and not arms.nobody
+        and not any(arms.times(arm, strong=strong).reached.any() for arm in both)
+    ):
         return "never reached"
     return text
 
@@ -165,7 +169,8 @@ def table_rows(arms: MeasuredArms) -> list[dict[str, Any]]:
     table = list[dict[str, Any]]()
     for name, arm in arms.arms.items():
         times, contrast = arms.times(name), arms.contrasts.get(name, NO_CONTRAST)
-        over, by_knowledge = arms.control_verdicts.get(name), arms.knowledge_verdicts.get(name)
+        asked = arms.control_verdicts, arms.knowledge_verdicts
+        over, by_knowledge = (None if arms.nobody else of.get(name) for of in asked)
         intervals = {
             "steps_to_threshold": UNKNOWN if arms.nobody else times.restricted_mean(),
             **{key: column.of(arms, name) for key, column in COLUMNS.items() if column.of},
@@ -241,13 +246,20 @@ def page_table(arms: MeasuredArms) -> dict[str, dict[str, Cell]]:
 
 def meanings(arms: MeasuredArms) -> list[tuple[str, str]]:
     """Return what the page says of its table: of the threshold, and of each column."""
-    why = f" ({arms.threshold_from})" * bool(arms.threshold_from)
     smoothed = f"curves are smoothed over {counted(arms.window, 'checkpoint')} to find it"
     columns = [
         (column.head.replace("&shy;", "") + " (weak)" * (column.transfer == WEAK), column.meaning)
         for column in COLUMNS.values()
     ]
-    return [("threshold", f"{rounded(arms.threshold)}{why}; {smoothed}"), *columns]
+    return [("threshold", f"{threshold_words(arms)}; {smoothed}"), *columns]
+
+
+def threshold_words(arms: MeasuredArms) -> str:
+    """Return the threshold and its source as text."""
+    if arms.nobody:
+        return f"none, as {arms.nobody}"
+    source = f" ({arms.threshold_from})" * bool(arms.threshold_from)
+    return f"{rounded(arms.threshold)}{source}"
 
 
 # -- Sentences -------------------------------------------------------------------------------------
@@ -266,11 +278,10 @@ def lines_below(arms: MeasuredArms) -> list[str]:
     """Return what stands below the table: what was not learnt, controls, and clusters of seeds."""
     lines = [nothing_learnt(arms), _looks(arms), _other_opponents(arms)]
     lines += [cluster_sentence(arms, name) for name in arms.shown]
+    of_controls = {} if arms.nobody else arms.control_verdicts
+    lines += [_gains_more(name, verdict, "controls") for name, verdict in of_controls.items()]
     lines += [
-        _gains_more(name, verdict, "controls") for name, verdict in arms.control_verdicts.items()
-    ]
-    lines += [
-        _gains_more(name, verdict, "placebos and constants")
+        _gains_more(name, verdict, "placebos" + " and constants" * (not arms[name].network))
         for name, verdict in arms.knowledge_verdicts.items()
         if arms.verdicts[name].direction > 0
     ]

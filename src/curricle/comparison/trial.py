@@ -134,6 +134,8 @@ class Trial:
     def verdict(self, name: str) -> str:
         """Return in a few words whether a row pays, by the interval of its gain."""
         gain = self.gain(name)
+        if gain is not None and self.comparison.nobody:
+            return f"{self.comparison.nobody} in the trial"
         return "it failed in the trial" if gain is None else likely(gain)
 
     def numbers(self, name: str) -> str:

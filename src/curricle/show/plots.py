@@ -298,6 +298,8 @@ def _draw_arms(panels: Mapping[Axes, bool], comparison: Comparison, most: int = 
     for axes, strong in panels.items():
         counted = "target and source steps" if strong else "target steps"
         steps_scale(axes, comparison.total if strong else comparison.budget, counted)
+        if comparison.nobody:
+            continue
         axes.axhline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
         axes.annotate(label, (1, comparison.threshold), (-2, 2), **above, **look, bbox=behind)
     # In which the threshold can be seen.

@@ -205,9 +205,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         for place, why in reasons.items()
     ]
     total, budget = f"{comparison.total:,}", f"{comparison.budget:,}"
-    threshold = rounded(comparison.threshold)
-    if comparison.threshold_from:
-        threshold += f" ({comparison.threshold_from})"
+    threshold = sentences.threshold_words(comparison)
     facts = {
         "arms": listed(comparison.arms),
         "steps": f"{total} in all; the budget of the target is {budget}",
@@ -364,7 +362,7 @@ def curve_data(
     return {
         "digits": digits,
         "most_bands": MOST_BANDS,
-        "threshold": comparison.threshold,
+        "threshold": None if comparison.nobody else comparison.threshold,
         "threshold_words": minus(f"{comparison.threshold:.4g}"),
         "random": random_level(comparison),  # the return while sources are trained
         "symlog": symlog,

@@ -41,15 +41,18 @@ class Audit:
     def sentence(self) -> str:
         """What survives, in one sentence."""
         sides = self.configured.comparison, self.fair.comparison
-        if withheld := sides[0].withheld or sides[1].withheld:
-            return f"Nothing is shown: {withheld}."
+        for side in sides:
+            if side.withheld and not side.nobody:
+                return f"Nothing is shown: {side.withheld}."
         pay, still = (
             [name for name, verdict in side.verdicts.items() if verdict.direction > 0]
             for side in sides
         )
         knows = [name for name in still if sides[1].reasons[name].why in ("knowledge", "mapping")]
         said = "Shown to pay as configured: {}; against fair opponents: {}; by what it knows: {}."
-        return said.format(*(listed(names) or "none" for names in (pay, still, knows)))
+        none = [side.nobody or "none" for side in (*sides, sides[1])]
+        names = zip((pay, still, knows), none, strict=True)
+        return said.format(*(listed(arms) or nothing for arms, nothing in names))
 
     def rows(self, arm: str) -> list[tuple[str, str, str]]:
         """Return the table of an arm: each measure as configured, and fair."""

@@ -398,6 +398,8 @@ class RunRecord(Plain):
     python: str
     machine: str
     versions: dict[str, str]
+    finished_before: Count = 0
+    """Number of all seeds planned before, if they were finished with these settings; else 0."""
 
 
 class RunsRecord(Plain):

@@ -358,12 +358,8 @@ class StudyResults:
 
     @property
     def looks(self) -> tuple[int, ...]:
-        """The numbers of seeds that runs so far have planned, each with those of runs before it."""
-        planned, numbers = set[int](), dict[int, None]()
-        for run in self.runs:
-            planned |= {*run.seeds} & {*self.record.seeds}
-            numbers[len(planned)] = None
-        return tuple(numbers)
+        """The numbers of seeds with which there were results when a run added further seeds."""
+        return tuple(sorted({run.finished_before for run in self.runs} - {0}))
 
     def initial_values(self, arm: str) -> FloatArray | None:
         """Return the initial Q of each seed, (K,); None unless the arm is a constant."""
@@ -483,7 +479,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
     reference = first.reference.after(arms[SCRATCH].curve)
-    looks = max((study.looks for study in studies), key=len)
+    looks = tuple(sorted(set().union(*(study.looks for study in studies))))
     return Comparison(first.target, arms, budget, total, reference, window, failed, interim, looks)
 
 
@@ -549,9 +545,10 @@ def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
         for record in (first, other)
     )
     if stated != also_stated:
+        words = ["none stated" if value is None else value for value in (stated, also_stated)]
         raise CurriculumError(
-            f"studies must share their target's threshold: {pair} have {stated} and "
-            f"{also_stated}; state one in both files, and resume"
+            f"studies must share their target's threshold: {pair} have {words[0]} and "
+            f"{words[1]}; state one in both files, and resume"
         )
     for which in ("evaluation", "learner", "eval_freq"):
         value, other_value = (

@@ -48,8 +48,10 @@ from curricle.study.results import (
 )
 from curricle.study.store import (
     ANALYSIS,
+    CHOICE,
     RUNS,
     SNAPSHOTS,
+    TRIALS,
     Finished,
     StudyStore,
     UnitContent,
@@ -58,8 +60,6 @@ from curricle.study.store import (
     lost_errors,
 )
 from curricle.study.tuning import (
-    CHOICE,
-    TRIALS,
     settled,
     trials_of,
     tuned_before,
@@ -461,9 +461,17 @@ def _begun(
         python=platform.python_version(),
         machine=f"{platform.system()} {platform.machine()}",
         versions=versions,
+        finished_before=_finished(done, arms, {seed for run in runs for seed in run.seeds}),
     )
     store.write_record(RUNS, RunsRecord(runs=(*runs, run)))
     return done
+
+
+def _finished(done: Finished, arms: Arms, planned: set[int]) -> int:
+    """Return the number of planned seeds if all are finished in several arms; else 0."""
+    targets = [key for (_, task), key in arms.keys.items() if task == arms.target and key in done]
+    whole = all(planned <= done[key].keys() for key in targets)
+    return len(planned) if whole and len(targets) > 1 else 0
 
 
 def _commit(folder: Path) -> str | None:

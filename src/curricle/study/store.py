@@ -91,6 +91,7 @@ def shown(value: object) -> str:
 # -- Folders of results: their files, their locks, and errors of reading and writing ---------------
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
+TRIALS, CHOICE = "tuning", "choice"  # subfolders with the trials of a tuning, a choice
 ANALYSIS = "analysis.json"
 UNITS = "units"
 PATIENCE = 0.3  # seconds to wait for a lock: a process that tests it holds it for a moment
@@ -488,12 +489,13 @@ class StudyStore:
         description, before = dict(description), self.description
         if "configuration" in before and "configuration" in description:
             stored, wanted = before["configuration"], dict(description["configuration"])
-            held = {unit.key for unit in self.units()}
-            if held and stored["name"] != wanted["name"] and not held & {*keys_of(description)}:
+            if stored["name"] != wanted["name"] and not self._serves(description):
+                versions = [before["curricle"], description["curricle"]]
+                of = "" if versions[0] == versions[1] else f" of Curricle {' and '.join(versions)}"
                 raise StoreError(
                     f"another study cannot go on in a folder: {self.path} holds units of "
-                    f"{stored['name']!r}, none of which {wanted['name']!r} can use; choose another "
-                    "folder"
+                    f"{stored['name']!r}, none of which {wanted['name']!r} can use{of}; choose "
+                    "another folder"
                 )
             if self.listed and stored.get("snapshots") != wanted["snapshots"]:
                 raise StoreError(
@@ -517,6 +519,13 @@ class StudyStore:
             with write_errors(self.path):
                 write_whole(self.path / STUDY, content)
             self.description = description
+
+    def _serves(self, description: Mapping[str, Any]) -> bool:
+        """Return whether a study so described can use a unit, or the folder has none."""
+        if held := {unit.key for unit in self.units()}:
+            return bool(held & {*keys_of(description)})
+        trials = [self.path / folder for folder in (TRIALS, CHOICE)]
+        return not any(holds_study(path) and StudyStore(path).units() for path in trials)
 
     def check(self, description: Mapping[str, Any]) -> None:
         """Raise StoreError if results of another description may differ from the stored results."""

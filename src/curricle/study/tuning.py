@@ -28,7 +28,7 @@ from curricle.study.arms import Arms, units_of
 from curricle.study.config import RunTable, StudyConfig, configured, of_studies
 from curricle.study.record import TunedArm, TunedRecord
 from curricle.study.results import StudyResults
-from curricle.study.store import StudyStore, holds_study
+from curricle.study.store import CHOICE, TRIALS, StudyStore, holds_study
 from curricle.study_file.file import Positions, parsed, toml_text
 from curricle.study_file.vary import target_alone, value_text
 from curricle.text import counted
@@ -38,9 +38,6 @@ from curricle.text import counted
 # All arms, learning from scratch too, have equally many trials on the same seeds, which are none of
 # the study's seeds. The score of a trial is the measure by which arms are compared: the mean return
 # over all steps, sources charged.
-
-TRIALS, CHOICE = "tuning", "choice"  # subfolders with the trials of a tuning, a choice
-
 
 Tried = Callable[[Arms, Sequence[int], str], StudyResults]
 """Trains some arms of trials on further seeds, under a title, and returns their results."""

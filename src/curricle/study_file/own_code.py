@@ -99,11 +99,8 @@ def users_code(reference: str) -> Iterator[None]:
         yield
     except CurricleError:
         raise
-    except (
-        Exception,
-        SystemExit,
-        GeneratorExit,
-    ) as error:  # sys.exit would end the command as done
+    # A sys.exit would end the command as if it had succeeded.
+    except (Exception, SystemExit, GeneratorExit) as error:
         raise ConfigError(f"{reference} failed: {in_words(error)}") from error
 
 

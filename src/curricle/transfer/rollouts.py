@@ -4,6 +4,7 @@ Tasks with numbered states are rolled out in compiled loops, observation tasks i
 environments.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from copy import deepcopy
@@ -21,6 +22,7 @@ from curricle.planning.greedy import Values
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.target import BATCHES, ROLLOUTS, STANDARD_ERRORS, Estimated, Target
 from curricle.tasks.kernel import splitmix64, stream_start
+from curricle.tasks.live import is_live
 from curricle.tasks.mdp import (
     Task,
     available_actions,
@@ -108,7 +110,9 @@ def greedy_episodes(
     return _episodes(potential.task, policy, episodes, stream_start(seed, stream))
 
 
-def random_episodes(task: ObservationTask, episodes: int) -> list[ObservationEpisode]:
+def random_episodes(
+    task: ObservationTask, episodes: int, evaluation: GreedyEvaluation | None = None
+) -> list[ObservationEpisode]:
     """Return episodes of a policy that samples its actions from the task's space."""
     start, space = stream_start(0, "random"), deepcopy(task.actions)
     space.seed(splitmix64(start) >> 33)
@@ -116,14 +120,18 @@ def random_episodes(task: ObservationTask, episodes: int) -> list[ObservationEpi
     def policy(_: object, running: Sequence[int]) -> list[Any]:
         return [space.sample() for _ in running]
 
-    return _episodes(task, policy, episodes, start)
+    return _episodes(task, policy, episodes, start, evaluation)
 
 
 def _episodes(
-    task: ObservationTask, policy: Policy, episodes: int, start: int
+    task: ObservationTask,
+    policy: Policy,
+    episodes: int,
+    start: int,
+    evaluation: GreedyEvaluation | None = None,
 ) -> list[ObservationEpisode]:
     episodes = whole_number("episodes of rollouts", episodes, 1, SettingError)
-    horizon = GreedyEvaluation().horizon(task)
+    horizon = (evaluation or GreedyEvaluation()).horizon(task)
     with closing(Environments(task, episodes, horizon)) as environments:
         return environments.rollouts(policy, start)
 
@@ -144,7 +152,7 @@ class ObservationTarget:
 
     @cached_property
     def _random(self) -> list[Any]:
-        return list(random_episodes(self.task, self.episodes))
+        return list(random_episodes(self.task, self.episodes, self.evaluation))
 
     @property
     def _random_returns(self) -> FloatArray:
@@ -202,12 +210,22 @@ def target_of(
     return ObservationTarget(task, evaluation)
 
 
-def random_play(task: Task | ObservationTask, evaluation: GreedyEvaluation) -> Estimated:
-    """Return what the random policy returns in `BATCHES` evaluations by rollouts, and its noise."""
-    part = replace(evaluation, method="rollouts", episodes=BATCHES * evaluation.rollouts(task))
+def random_play(
+    task: Task | ObservationTask, evaluation: GreedyEvaluation
+) -> tuple[Estimated, float]:
+    """Return what the random policy returns in rollouts, and the noise of one evaluation of it.
+
+    The rollouts are those of `BATCHES` evaluations, but at most 50 where environments play.
+    """
+    of_one, observed = evaluation.rollouts(task), isinstance(task, ObservationTask)
+    played = observed or is_live(generative_model(task))
+    episodes = min(BATCHES * of_one, OBSERVATION_ROLLOUTS if played else ROLLOUTS)
+    part = replace(evaluation, method="rollouts", episodes=episodes)
     if isinstance(task, ObservationTask):
-        return ObservationTarget(task, part).random
-    return Target(task, part, None).random
+        random = ObservationTarget(task, part).random
+    else:
+        random = Target(task, part, None).random
+    return random, random.noise * math.sqrt(episodes / of_one)
 
 
 # -- the return of a potential's own policy --------------------------------------------------------

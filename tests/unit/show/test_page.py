@@ -156,6 +156,16 @@ def test_seeds_are_their_returns_over_target_steps(pursuit):
         np.testing.assert_allclose(rows, curve.filled(), atol=0.5001 * unit, rtol=0)
 
 
+def test_where_nobody_learnt_the_page_has_no_threshold(pursuit):
+    reference = replace(pursuit.comparison.reference, random_return=1e9, optimum=None)
+    nobody = replace(pursuit.comparison, reference=reference)
+    assert data_of(nobody)["threshold"] is None
+    reader = Reader(study_page("none", nobody, pursuit.results))
+    assert reader.problems == []
+    assert "Grey: the threshold, none, as nobody learnt." in reader.words
+    assert "nan" not in reader.words.lower().split()
+
+
 def graphs_of(results):
     record, learnt, _ = shown(results)
     reasons = {(arm, task): ["all steps used"] for arm, nodes in learnt.items() for task in nodes}

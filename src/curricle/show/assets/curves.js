@@ -59,10 +59,10 @@ document.addEventListener("DOMContentLoaded", () => {
     ctx.beginPath();
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
-    line([[steps()[0], data.threshold], [steps().at(-1), data.threshold]], "#777", 1);
+    if (data.threshold !== null) line([[steps()[0], data.threshold], [steps().at(-1), data.threshold]], "#777", 1);
     Object.assign(ctx, { fillStyle: "#555", font: `${12 * pxRatio}px system-ui, sans-serif`, textAlign: "right" });
     const corner = bbox.left + bbox.width - 4 * pxRatio;
-    ctx.fillText(`threshold ${data.threshold_words}`, corner, y(data.threshold) - 5 * pxRatio);
+    if (data.threshold !== null) ctx.fillText(`threshold ${data.threshold_words}`, corner, y(data.threshold) - 5 * pxRatio);
     for (const arm of shownArms()) {
       const first = arm[panel].mean.findIndex((value) => value !== null), start = steps()[first];
       const before = [[0, data.random], [start, data.random], [start, arm[panel].mean[first]]];
