@@ -128,6 +128,15 @@ def test_seeds_that_are_apart_from_the_others_are_said_to_be():
     assert any("The seeds of scratch are in two" in sentence for sentence in sentences)
 
 
+def test_clusters_that_are_close_by_the_range_of_returns_are_not_named():
+    heights = np.array([139.2, 139.3, 141.5, 141.5, 141.6, 141.5])
+    close = np.repeat(heights[:, None], 11, axis=1)
+    comparison = comparison_of(scratch=close - 100, close=close)
+    assert cluster_sentence(comparison, "close")
+    wide = replace(comparison.reference, possible=(-2_600.0, 200.0))
+    assert cluster_sentence(replace(comparison, reference=wide), "close") == ""
+
+
 def comparison_of(threshold=0.5, **returns):
     """A comparison of curves over 100 steps, of arms without sources."""
     arms = {name: arm_of(curve) for name, curve in returns.items()}

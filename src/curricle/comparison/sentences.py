@@ -343,13 +343,17 @@ def _level_sentence(arms: MeasuredArms, name: str) -> str:
     return f"{name} has one value in all pairs that learning can visit: check its mapping"
 
 
+LEAST_APART = 0.01  # of the range of returns: clusters that are closer are of no interest
+
+
 def cluster_sentence(arms: MeasuredArms, name: str) -> str:
     """Return a sentence on two clusters of an arm's seeds; empty if there are none."""
     values = arms.returns[name]
     if (groups := clusters(values)) is None:
         return ""
     high, low = (f"{some.mean():.4g}" for some in reversed(groups))
-    if high == low:  # apart by less than is printed
+    apart, possible = np.ptp([some.mean() for some in groups]), np.ptp(arms.within)
+    if high == low or apart < LEAST_APART * possible < np.inf:  # or apart by less than is printed
         return ""
     sentence = (
         f"the seeds of {name} are in two clusters, mean return of {len(groups[1])} near {high} "

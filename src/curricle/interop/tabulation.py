@@ -207,13 +207,15 @@ class Plan:
         line = f"tabulating {source.name}"
         with shown(self.progress, lambda: line) as bars:
 
-            def show(sentence: str, done: int, states: int) -> None:
+            def show(sentence: str, done: int, _: int) -> None:
                 nonlocal line
                 line = sentence
-                bars.at(source.name, done, states)
+                bars.at(source.name, done)  # how many there are is not known before the end
                 bars.tell(sentence)
 
-            return Search(source, self.max_states, self.max_seconds, show).run()
+            search = Search(source, self.max_states, self.max_seconds, show).run()
+            bars.at(source.name, len(search.states), len(search.states))
+            return search
 
 
 def tabulate(
