@@ -66,7 +66,7 @@ class Frozen:
 
 def refrozen(value: object) -> Any:
     """Return an array frozen, also within named tuples; anything else as it is."""
-    if type(value) is np.ndarray:
+    if isinstance(value, np.ndarray):  # of a subclass too, such as a file mapped into memory
         return adopted(value, value.dtype)
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         return type(value)(*map(refrozen, value))

@@ -164,3 +164,12 @@ def test_a_lookup_and_sparse_values_are_copied():
     policy = TabularPolicy(None, SparseValues(states, np.ones((3, 4))))
     states[:] = 10**9
     assert policy.values.states.tolist() == [0, 1, 2]
+
+
+def test_a_file_mapped_into_memory_is_copied(tmp_path):
+    states = np.memmap(tmp_path / "states", np.int64, "w+", shape=(3,))
+    states[:] = range(3)
+    policy = TabularPolicy(None, SparseValues(states, np.ones((3, 4))))
+    states[:] = 10**9
+    assert policy.values.states.tolist() == [0, 1, 2]
+    assert type(policy.values.states) is np.ndarray
