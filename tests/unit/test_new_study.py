@@ -95,6 +95,19 @@ class Pushed(Robot):
     def __init__(self):
         super().__init__()
         self.action_space = spaces.Box(-1, 1, (2,))
+
+
+class Lamps(gym.Env):
+    observation_space, action_space = spaces.MultiBinary(70), spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.lit = 0
+        return np.zeros(70, np.int8), {}
+
+    def step(self, action):
+        self.lit = int(action)
+        return np.full(70, action, np.int8), float(action), bool(action), False, {}
 """
 
 
@@ -122,6 +135,12 @@ def test_a_class_of_ones_own_is_tabulated_and_easier_variants_are_proposed(curri
     code, _, complaint = curricle("run", "Robot.toml", "--seeds", "0-1", *quick)
     assert code == 0, complaint
     assert StudyResults(robots / "Robot-results").comparison.verdicts
+
+
+def test_a_class_with_more_observations_than_have_numbers_is_tabulated(robots):
+    _, text, notes = new_study("robots:Lamps", robots)
+    assert any("tabulated: 2 states" in note for note in notes), notes
+    assert 'type = "tabulated"' in text
 
 
 def test_a_random_class_is_live_with_names_of_its_attributes(robots):

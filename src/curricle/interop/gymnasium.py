@@ -199,9 +199,9 @@ def _observations(
     if encode is None:
         if not is_discrete(space):
             raise TaskError(
-                "observations must be discrete, or be made so by encode=Bins(...) or a function of "
-                "your own with states=Space(...); tabulate finds the states where they are few, "
-                f"and observation_task makes a network's task: got {brief(space)}"
+                "observations must be discrete, fewer than 2^63, or be made so by encode=Bins(...) "
+                "or a function of your own with states=Space(...); tabulate finds the states where "
+                f"they are few, and observation_task makes a network's task: got {brief(space)}"
             )
         return None if counts_from_0(space) else Number(space), space_of(space, "state")
     encoded = getattr(encode, "states", None) if states is None else states
@@ -224,8 +224,8 @@ def actions_of(
     """Return the function from an action's number to the environment's action, and the space."""
     if not is_discrete(space):
         raise TaskError(
-            f"actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so): got "
-            f"{space}"
+            "actions must be discrete (gymnasium.wrappers.DiscretizeAction makes them so), fewer "
+            f"than 2^63: got {space}"
         )
     act = index if counts_from_0(space) else Point(space)
     named = space_of(space, "action")
@@ -545,13 +545,18 @@ def space_of(space: gym.Space[Any], name: str) -> Space:
 
 def is_discrete(space: gym.Space[Any]) -> bool:
     """Return whether :func:`space_of` can read a space."""
+    return _count(space) < BEYOND_64_BITS
+
+
+def _count(space: gym.Space[Any]) -> int:
+    """Return how many points a space has; `BEYOND_64_BITS` or more where they are not numbered."""
     if isinstance(space, Tuple | Dict):
-        return all(is_discrete(part) for _, part in _parts(space))
-    if isinstance(space, Box):  # of whole numbers; those of a picture cannot be counted
-        sizes = [n for n, _ in _ranges(space)]
-        few = sum(n > 1 for n in sizes) < 64  # the product of a picture's sizes takes a second
-        return bool(sizes) and few and math.prod(sizes) < BEYOND_64_BITS
-    return isinstance(space, Discrete | MultiDiscrete | MultiBinary)
+        return math.prod(_count(part) for _, part in _parts(space))
+    if isinstance(space, Discrete):
+        return int(space.n)
+    sizes = [n for n, _ in _ranges(space)]
+    few = sum(n > 1 for n in sizes) < 64  # the product of a picture's sizes takes a second
+    return math.prod(sizes) if sizes and few else BEYOND_64_BITS
 
 
 def _ranges(space: gym.Space[Any]) -> list[tuple[int, int]]:

@@ -348,7 +348,14 @@ AB, OF_B = {"names": ["a", "b"]}, cr.Space([cr.Component("b", 2)])
 REFUSED = [
     *(
         (space, {}, r"observations must be discrete.*; tabulate")
-        for space in (PICTURE, NO_BOUNDS, BOX, spaces.Dict(cell=TWO, picture=PICTURE))
+        for space in (
+            PICTURE,
+            NO_BOUNDS,
+            BOX,
+            spaces.Dict(cell=TWO, picture=PICTURE),
+            spaces.MultiBinary(70),
+            spaces.Tuple([spaces.MultiBinary(40)] * 2),
+        )
     ),
     (BOX, {"encode": int}, "needs the states it encodes to"),
     (BOX, {"encode": cr.interop.Bins({"x": [0, 1]})}, "have edges for 1"),
