@@ -487,7 +487,7 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
         observation, reward, terminated, truncated, info = self.env.step(action)
         reward = np.asarray(reward).item()  # some environments return arrays of shape (1,)
         check_unshaped(info)
-        flag_of(terminated), flag_of(truncated)  # refuses others
+        flag_of(terminated, "terminated"), flag_of(truncated, "truncated")  # refuses others
         done = self._episodes.step([observation], [reward], [terminated], [truncated])
         shaping, *terms = done.shaping[0]
         shown = {

@@ -712,7 +712,9 @@ class World:
         if not math.isfinite(earned):
             raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
         chance = 1.0 if self.samples is None else 1 / self.samples
-        ends = {"terminated": flag_of(terminated), "truncated": flag_of(truncated)}
+        flags = {"terminated": terminated, "truncated": truncated}
+        place = f" from {self.name} for action {action}"
+        ends = {name: flag_of(flag, name, place) for name, flag in flags.items()}
         return self._reached(env, observed, info, chance, earned, **ends)
 
     def _returned(self, by: str, returned: object) -> tuple[Any, ...]:
@@ -821,7 +823,10 @@ class ListedOutcomes:
                 ) from error
             total += chance
             if chance > 0:
-                yield self._reached(chance, after, reward, ended=flag_of(ended, "terminated"))
+                # A text of the state for every outcome would cost more than the rest.
+                place = "" if type(ended) is bool else f": action {action} in {content!r}"
+                ended = flag_of(ended, "terminated", place)
+                yield self._reached(chance, after, reward, ended=ended)
         if outcomes and abs(total - 1) > SINGLE_PRECISION:
             raise TaskError(
                 f"transition probabilities must sum to 1: action {action} in {content!r} sums to "

@@ -300,11 +300,15 @@ def _player(
                 earned = number_of(reward)
                 if not -LARGEST_REWARD <= earned <= LARGEST_REWARD:
                     raise TaskError(
-                        f"{REWARD_RULE}: the environment returned {reward!r} for action "
-                        f"{action_name(task.actions, action)} in {state_name(task.states, state)}"
+                        f"{REWARD_RULE}: the environment returned {reward!r} for "
+                        f"{_at(task, action, state)}"
                     )
                 if type(terminated) is not bool or type(truncated) is not bool:
-                    terminated, truncated = flag_of(terminated), flag_of(truncated)
+                    try:  # the place is words that steps need not wait for
+                        terminated = flag_of(terminated, "terminated")
+                        truncated = flag_of(truncated, "truncated")
+                    except TaskError as error:
+                        raise TaskError(f"{error} for {_at(task, action, state)}") from None
                 state = number(observation)
                 if masks and not terminated:
                     close(state, info)
@@ -313,15 +317,18 @@ def _player(
     except BaseException as error:
         if isinstance(error, GeneratorExit) and (at := error.__traceback__) and not at.tb_next:
             raise  # at a yield: this generator is closed
-        doing = ""
-        if action not in (None, RESET):
-            name = action_name(task.actions, action).removeprefix("action ")
-            doing = f", for action {name} in {state_name(task.states, state)}"
+        doing = "" if action in (None, RESET) else f", for {_at(task, action, state)}"
         note_place(error, doing)
         stops = not isinstance(error, Exception | KeyboardInterrupt | SystemExit)
         raised.append(ForeignError(in_words(error)) if stops else error)
     while True:
         yield BROKEN_DOWN
+
+
+def _at(task: LiveMDP, action: int, state: int) -> str:
+    """Return the action and the state of a step in words."""
+    name = action_name(task.actions, action).removeprefix("action ")
+    return f"action {name} in {state_name(task.states, state)}"
 
 
 def _closing(

@@ -44,14 +44,15 @@ def number_of(reward: Any) -> float:
         return np.nan
 
 
-def flag_of(value: Any, name: str = "terminated and truncated") -> bool:
+def flag_of(value: Any, name: str, place: str = "") -> bool:
     """Return a flag as a bool; TaskError where it is not True or False, 1 or 0."""
-    plain = (
-        value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
-    )
+    try:  # arrays and tensors of one element, of any library
+        plain = value.item() if hasattr(value, "item") else value
+    except (TypeError, ValueError, RuntimeError):  # of several elements
+        plain = value
     if isinstance(plain, int | float) and plain in (0, 1):
         return bool(plain)
-    raise TaskError(f"{name} must be True or False: got {brief(value)}")
+    raise TaskError(f"{name} must be True or False: got {brief(value)}{place}")
 
 
 class Timed(Protocol):

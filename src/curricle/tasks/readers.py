@@ -221,7 +221,8 @@ def terminal_states(
                 probability, after, _, ended = (*outcome, flags.get(outcome[1]))[:4]
                 if probability == 0:
                     continue
-                ended = bool(ended) if len(outcome) < 4 else flag_of(ended, "terminated")
+                place = f": state {s}, action {a}"
+                ended = bool(ended) if len(outcome) < 4 else flag_of(ended, "terminated", place)
                 if not ended and after not in reached:
                     reached.add(after)
                     waiting.append(int(after))

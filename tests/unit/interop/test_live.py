@@ -231,8 +231,16 @@ def odd(method, answer):
             for reward in (None, np.nan, -np.inf, 1e101, 10**400)
         ),
         *(
-            (odd("step", (0, 1.0, *ends, {})), "must be True or False: got ('no'|None|2|\\[\\])")
-            for ends in (("no", False), (False, None), (2, False), (True, []))
+            (
+                odd("step", (0, 1.0, *ends, {})),
+                rf"^{name} must be True or False: got {got} for action [01] in state 0$",
+            )
+            for name, got, ends in (
+                ("terminated", "'no'", ("no", False)),
+                ("truncated", "None", (False, None)),
+                ("terminated", "2", (2, False)),
+                ("truncated", r"array\(\[0, 1\]\)", (True, np.arange(2))),
+            )
         ),
     ],
 )
@@ -241,7 +249,12 @@ def test_answers_that_are_not_gymnasiums_are_refused(task, message):
         cr.learn(task, budget=10, evaluation=OFF)
 
 
-@pytest.mark.parametrize("end", [1, np.True_, np.array([True]), 1.0])
+class Tensor:
+    def item(self):
+        return True
+
+
+@pytest.mark.parametrize("end", [1, np.True_, np.array([True]), 1.0, Tensor()])
 def test_flags_may_be_numbers(end):
     task = odd("step", (0, 1.0, end, 0, {}))
     assert cr.learn(task, budget=10, evaluation=OFF).episodes_used[0] == 10

@@ -241,6 +241,7 @@ class Twice(gym.Wrapper):
 
 OF_FUNCTIONS = {"state": (save, restore)}
 LIES = OF_FUNCTIONS | {"outcomes": lambda s, a: [(1.0, (0, 0), 0.0, False)]}
+NO_FLAG = OF_FUNCTIONS | {"outcomes": lambda s, a: [(1.0, (0, 0), 0.0, "no")]}
 REFUSALS = [
     (
         lambda: Twice(TimeLimit(Corridor(), 9)), {},
@@ -257,6 +258,7 @@ REFUSALS = [
     (lambda: TransformReward(Corridor(), lambda r: np.nan), {}, "must be a finite number: got nan"),
     (Unreadable, {}, r"restore\): a Opaque in it cannot be read .no parts"),
     (Corridor, OF_FUNCTIONS | {"outcomes": lambda s, a: None}, "action 0 in .* lists None"),
+    (Corridor, NO_FLAG, "terminated must be True or False: got 'no': action 0 in Where"),
     (Flickering, {}, "led to another observation"),
     (Corridor, {"state": (lambda env: [env.place], restore)}, r"hashable, .*: \[\d\] is a list"),
     (Corridor, LIES, "tables must agree with the environment"),
