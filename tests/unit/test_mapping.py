@@ -1,5 +1,7 @@
 """Mappings between tasks: source pairs, unmapped pairs, coverage, the identity; refusals."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -132,6 +134,12 @@ def chain(n=3, name="place", low=0, labels=("left", "right"), points=None):
     return FiniteMDP.from_outcomes(
         outcomes, terminal=terminal, start=0, discount=0.9, states=states, actions=actions
     )
+
+
+def halves():
+    """A task whose two components have no common value."""
+    parts = cr.Space([cr.Component("a", 2), cr.Component("b", 2, low=2)])
+    return replace(chain(4), states=parts)
 
 
 def test_each_pair_reads_the_same_pair_whatever_names_are():
@@ -294,6 +302,10 @@ MAPPINGS = [
     (
         lambda: project(chain(), chain(labels=("up", "down"))),
         "move of the target runs from left to right, and move of the source from up to down; give",
+    ),
+    (
+        lambda: project(chain(4), halves(), a="place", b="place"),
+        "map some pair: no value of place of the target is in all components read from it; give",
     ),
     (
         lambda: project(chain(9, points=[[0], [2], [8]]), chain(9, points=[[1], [3], [8]])),
