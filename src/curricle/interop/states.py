@@ -3,6 +3,7 @@
 import hashlib
 import math
 import random
+import re
 import time
 from abc import ABC, abstractmethod
 from array import array
@@ -596,7 +597,7 @@ class Search:
             parts = dict[str, list[int | str]]()
             for name, value in components.items():
                 # Entries that some states lack are those of a list that grows.
-                whole = name if name in everywhere else name.rstrip("0123456789_")
+                whole = name if name in everywhere else re.sub(r"(_\d+)+$", "", name)
                 parts.setdefault(whole, []).append(value)
             for name, part in parts.items():
                 values.setdefault(name, set()).add(tuple(part))

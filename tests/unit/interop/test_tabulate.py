@@ -241,6 +241,21 @@ class Twice(gym.Wrapper):
 
 OF_FUNCTIONS = {"state": (save, restore)}
 LIES = OF_FUNCTIONS | {"outcomes": lambda s, a: [(1.0, (0, 0), 0.0, False)]}
+
+
+class Diaries(Corridor):
+    """Keeps a list of lamps and one of places."""
+
+    def reset(self, *, seed=None, options=None):
+        self.room1, self.room2 = [], []
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        self.room1 += [1] * (action == 2)
+        self.room2 += [self.place]
+        return super().step(action)
+
+
 NO_FLAG = OF_FUNCTIONS | {"outcomes": lambda s, a: [(1.0, (0, 0), 0.0, "no")]}
 REFUSALS = [
     (
@@ -252,6 +267,7 @@ REFUSALS = [
     (Counting, {"max_seconds": 0.2}, "'taken' counts steps"),
     (Counting, {"max_seconds": 0.05}, "within max_seconds, 0.05: "),
     (Toggles, {"max_states": 300}, "more, and 'switched' has the most .*; from_gymnasium plays it"),
+    (Diaries, {"max_states": 300}, "more, and 'room2' has the most"),
     (partial(Unseeded, cells=10**6), {}, "resets of .*Unseeded.* with seed 0 differ; let reset"),
     (OldReset, {}, "a reset must take a seed, .*'seed'; .* shimmy.GymV26Compat"),
     (OldStep, {}, r"must return \(observation, reward, .*: got \(.*shimmy"),
