@@ -1,11 +1,12 @@
 """FiniteMDP: its constructors, its tables, and what has none."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from curricle import FiniteMDP, GridWorld
+from curricle import Component, FiniteMDP, GridWorld, Space
 from curricle.errors import TaskError
 from tests.support.tasks import dense_of
 
@@ -63,3 +64,16 @@ def test_next_states_beyond_32_bits_are_refused_and_not_wrapped_round():
     too_large = m.next_state.astype(np.int64) + 2**32
     with pytest.raises(TaskError, match="next states"):
         replace(m, next_state=too_large)
+
+
+def test_no_wide_copy_of_the_next_states_stays():
+    n = 100_000
+    rows, line = np.arange(n)[:, None], np.ones((n, 1))
+    next_state = np.minimum(rows + 1, n - 1)
+    tables = (rows, line, next_state, -line, rows.ravel() == n - 1, np.eye(1, n)[0])
+    spaces = Space([Component("place", n)]), Space([Component("move", 1)])
+    tracemalloc.start()
+    FiniteMDP(*spaces, *tables, discount=0.9)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 55 * n

@@ -119,11 +119,12 @@ class FiniteMDP(Frozen):
         ):
             numbers = whole_by_type(getattr(self, name), label)
             numbers = adopted(numbers, numbers.dtype)
-            object.__setattr__(self, name, numbers)
             if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
                 raise TaskError(
                     f"{label} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
                 )
+            numbers = adopted(numbers, np.int32)  # now, so that no wide copy stays meanwhile
+            object.__setattr__(self, name, numbers)
         for name, dtype, shape in (
             ("outcome_row", np.int32, (n_states, self.actions.size)),
             ("probability", np.float64, table),
