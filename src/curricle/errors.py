@@ -15,9 +15,11 @@
         └── EngineError  a cluster that was lost, or has other versions (also BrokenExecutor)
 
 Every message is one sentence: the rule, the value that broke it, and the place. ForeignError is no
-CurricleError: it describes an exception in another process whose class cannot be sent to this one.
+CurricleError: it describes an exception of a user's code that cannot be raised here as it is, such
+as one of a class that cannot be sent from another process.
 """
 
+import os
 import re
 import sysconfig
 from concurrent.futures import BrokenExecutor
@@ -93,7 +95,10 @@ class EngineError(StudyError, BrokenExecutor):
 
 
 class ForeignError(RuntimeError):
-    """An error of a study's own code in another process, in words; a note has the traceback."""
+    """An error of a user's code in words; its cause, or a note, has the traceback.
+
+    It stands for what must not be raised as it is, and in another process for what cannot be sent.
+    """
 
 
 def reason(error: Exception) -> str:
@@ -116,7 +121,8 @@ def in_words(error: BaseException) -> str:
 
 def place_of(error: BaseException) -> str:
     """Return the file, line and function of a user's code that raised an error; "" if none did."""
-    place, ours = "", (str(Path(__file__).parent), sysconfig.get_path("stdlib"), "<")
+    folders = str(Path(__file__).parent), sysconfig.get_path("stdlib")
+    place, ours = "", (*(folder + os.sep for folder in folders), "<")
     for frame, line in walk_tb(error.__traceback__):
         code, path = frame.f_code, Path(frame.f_code.co_filename)
         installed = {"site-packages", "dist-packages"} & {*path.parts}

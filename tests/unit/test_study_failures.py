@@ -2,10 +2,12 @@
 
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from curricle import errors
 from curricle.errors import ConfigError, StoreError, StudyError
 from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
@@ -159,6 +161,13 @@ def test_merged_parts_keep_their_failures(study, tmp_path):
     run_study(study, parts[1], workers=1, shard=(2, 2), resume=True)
     for part in (*parts, parts[0]):  # a part that is merged later forgets no failure
         assert merge(tmp_path / "later", [part]).failed == {"state": WORDS}
+
+
+def test_a_folder_beside_the_librarys_is_the_users():
+    code = compile("1 / 0", f"{Path(errors.__file__).parent}-study/own.py", "exec")
+    with pytest.raises(ZeroDivisionError, match="division") as caught:
+        exec(code)
+    assert "<module> of own.py, line 1" in errors.in_words(caught.value)
 
 
 def test_stored_errors_name_files_without_their_folders():

@@ -319,8 +319,11 @@ def _player(
             raise  # at a yield: this generator is closed
         doing = "" if action in (None, RESET) else f", for {_at(task, action, state)}"
         note_place(error, doing)
-        stops = not isinstance(error, Exception | KeyboardInterrupt | SystemExit)
-        raised.append(ForeignError(in_words(error)) if stops else error)
+        told = error
+        if not isinstance(error, Exception | KeyboardInterrupt | SystemExit):
+            told = ForeignError(in_words(error))
+            told.__cause__ = error
+        raised.append(told)
     while True:
         yield BROKEN_DOWN
 

@@ -288,6 +288,7 @@ def test_an_error_of_an_environment_has_a_place(method, error, words):
     with pytest.raises(Exception) as caught:  # noqa: PT011 - of several kinds
         cr.learn(cr.from_gymnasium(failing(method, error), discount=0.9, live=True), budget=50)
     assert re.fullmatch(words, in_words(caught.value))
+    assert error in (caught.value, caught.value.__cause__)  # with the user's traceback
 
 
 def test_an_error_of_a_tabulated_environment_has_a_place():
