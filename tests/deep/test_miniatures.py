@@ -65,6 +65,8 @@ def test_an_actor_critic_starts_as_what_was_distilled_unless_told_otherwise():
     assert shaping(PPO) == kept_near
     assert shaping(PPO, budget=cr.Episodes(3)) == kept_near
     assert shaping(cr.deep.DeepLearner("DQN")) == cr.QInitialisation()
+    normal = cr.deep.DeepLearner("DQN", settings={"normalize": True})  # its values have a scale
+    assert shaping(normal) == cr.StateShaping()
     other = cr.deep.DeepLearner("A2C")
     apart = plan(None).replace("large", learner=other)
     assert apart.node("large").shaping == cr.StateShaping()

@@ -452,9 +452,7 @@ class Curriculum:
             critic = isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS
             if critic and alike and edges[0].mapping.is_identity:
                 return WeightTransfer(kl=PULL)
-        if isinstance(learner, DeepLearner) and not (
-            learner.algorithm == "DQN" or ":" in learner.algorithm  # of the user's own
-        ):
+        if isinstance(learner, DeepLearner) and not learner.may_start_at_potential:
             return StateShaping()
         # A portfolio needs dense tables and a learner that is not optimistic itself. The limit does
         # not depend on the machine's memory.

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")  # where an algorithm's name is looked up
+POLICIES = ("MlpPolicy", "CnnPolicy", "MultiInputPolicy")
 OF_ACTIONS: dict[str, type[Space[Any]]] = {
     **dict.fromkeys(("DQN", "QRDQN"), Discrete),
     **dict.fromkeys(("CrossQ", "DDPG", "SAC", "TD3", "TQC"), Box),
@@ -124,6 +125,12 @@ class DeepLearner:
     def takes(self) -> tuple[str, ...]:
         """The names of the algorithm's arguments."""
         return tuple(inspect.signature(self.algorithm_class()).parameters)
+
+    @property
+    def may_start_at_potential(self) -> bool:
+        """Whether it is DQN with rewards as they are, or an algorithm of the user's own."""
+        plain = self.policy in POLICIES and not self.normalizes("norm_reward")
+        return ":" in self.algorithm or (self.algorithm == "DQN" and plain)
 
     @property
     def scheduled(self) -> bool:
