@@ -72,7 +72,7 @@ def test_an_actor_critic_starts_as_what_was_distilled_unless_told_otherwise():
     assert apart.node("large").shaping == cr.StateShaping()
     learnt = {"small": room(), "large": room(8)}
     by_steps = cr.Curriculum(learnt, [cr.Transfer("small", "large")], learner=PPO, budget=64)
-    assert by_steps.node("large").shaping == cr.QInitialisation()
+    assert by_steps.node("large").shaping == cr.StateShaping()
     result = plan(None).train(1)["large"]
     assert np.isfinite(result.greedy_return).all()
 
