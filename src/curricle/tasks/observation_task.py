@@ -287,7 +287,7 @@ def check_observation(space: gymnasium.Space[Any], observation: object) -> None:
     """Raise TaskError unless an observation, in its space's types of numbers, is in the space."""
     try:
         (read,) = iterate(batch_space(space, 1), stack(space, [observation]))
-        fits = space.contains(read)
+        fits = space.contains(read) and _equal(space, observation, read)
     except (TypeError, ValueError, LookupError, OverflowError):  # as it lacks a part, or a shape
         fits = False
     if not fits:
@@ -295,6 +295,18 @@ def check_observation(space: gymnasium.Space[Any], observation: object) -> None:
             "an observation must lie in the environment's observation_space, "
             f"{brief(space)}: got {brief(observation)}"
         )
+
+
+def _equal(space: Any, observation: Any, read: Any) -> bool:
+    """Return whether an observation has the numbers that are read, up to rounding of fractions."""
+    if isinstance(space, Dict):
+        return all(_equal(part, observation[key], read[key]) for key, part in space.items())
+    if isinstance(space, Tuple):
+        return all(map(_equal, space, observation, read))
+    if not isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary):
+        return True  # texts and graphs are not converted
+    rounding = np.finfo(space.dtype).eps if space.dtype.kind == "f" else 0.0
+    return np.allclose(observation, read, rtol=rounding, atol=rounding)
 
 
 def shapes_of(space: gymnasium.Space[Any], order: Callable[[Any], Any] = tuple) -> Any:

@@ -3,6 +3,7 @@
 import _thread
 import re
 import signal
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +14,7 @@ import curricle as cr
 from curricle.comparison.cost import random_pace
 from curricle.errors import TaskError, in_words
 from curricle.planning.rollouts import random_rollouts
+from curricle.tasks.observation_task import check_observation
 
 from .environments import OFF, TWO, Ring, Watched, watched
 
@@ -249,12 +251,7 @@ def test_answers_that_are_not_gymnasiums_are_refused(task, message):
         cr.learn(task, budget=10, evaluation=OFF)
 
 
-class Tensor:
-    def item(self):
-        return True
-
-
-@pytest.mark.parametrize("end", [1, np.True_, np.array([True]), 1.0, Tensor()])
+@pytest.mark.parametrize("end", [1, np.True_, np.array([True]), SimpleNamespace(item=lambda: 1.0)])
 def test_flags_may_be_numbers(end):
     task = odd("step", (0, 1.0, end, 0, {}))
     assert cr.learn(task, budget=10, evaluation=OFF).episodes_used[0] == 10
@@ -295,6 +292,24 @@ def test_an_error_of_a_tabulated_environment_has_a_place():
     with pytest.raises(KeyError) as caught:
         cr.tabulate(failing("step", KeyError("no")), discount=0.9)
     assert re.search(rf"{PLACE}, for action 0 in state 0 \(.*\)\)$", in_words(caught.value))
+
+
+@pytest.mark.parametrize(
+    ("space", "fits", "differs"),
+    [
+        (spaces.Box(0, 255, (2,), np.uint8), [3.0, 255], np.array([300, 0])),
+        (spaces.Discrete(5), np.int8(2), 2.5),
+        (spaces.Box(-9, 9, (2,), np.float32), np.array([0.1, 1e-41]), ["3", 1]),
+        (spaces.Box(-9, 9, (1,), np.float16), [np.pi], [10]),
+        (spaces.MultiBinary(2), [True, False], [0.5, 1]),
+        (spaces.Dict(a=TWO, w=spaces.Text(4)), {"w": "go", "a": 1}, {"w": "go", "a": 0.5}),
+        (spaces.Tuple([TWO, spaces.Text(4)]), [1, "go"], (0.5, "go")),
+    ],
+)
+def test_observations_are_compared_before_they_are_converted(space, fits, differs):
+    check_observation(space, fits)
+    with pytest.raises(TaskError, match="observation must lie in"):
+        check_observation(space, differs)
 
 
 def test_an_observation_without_a_part_is_refused_at_the_first_reset():
