@@ -411,13 +411,17 @@ def copied(env: object) -> tuple[Any, dict[int, Any]]:
 def words_of_state(state: object, before: str = "") -> Words:
     """Return the whole numbers and words in a state, alone or in a short list, by name."""
     named = state._asdict() if hasattr(state, "_asdict") else state
-    values = dict[str, Any]()
-    for name, value in (named if isinstance(named, Mapping) else {"state": state}).items():
+    named = named if isinstance(named, Mapping) else {"state": state}
+    values, whole = dict[str, Any](), {f"{before}{name}" for name in named}
+    for name, value in named.items():
         if isinstance(value, tuple | list | np.ndarray):
             flat = value.ravel().tolist() if isinstance(value, np.ndarray) else list(value)
             if len(flat) <= MOST_CELLS:
                 shape = value.shape if isinstance(value, np.ndarray) else (len(flat),)
-                values |= zip(entry_names(f"{before}{name}", shape), flat, strict=True)
+                for entry, number in zip(entry_names(f"{before}{name}", shape), flat, strict=True):
+                    while entry in values or entry in whole:  # of {"a": [3], "a_1": 4}
+                        entry += "_"
+                    values[entry] = number
         else:
             values[f"{before}{name}"] = value
     return {

@@ -344,18 +344,12 @@ PICTURE, NO_BOUNDS = (
     spaces.Box(0, 255, (9, 9), np.uint8),
     spaces.Box(-(2**63), 2**63 - 1, (1,), int),
 )
+MANY = spaces.MultiBinary(70), spaces.Tuple([spaces.MultiBinary(40)] * 2)
 AB, OF_B = {"names": ["a", "b"]}, cr.Space([cr.Component("b", 2)])
 REFUSED = [
     *(
         (space, {}, r"observations must be discrete.*; tabulate")
-        for space in (
-            PICTURE,
-            NO_BOUNDS,
-            BOX,
-            spaces.Dict(cell=TWO, picture=PICTURE),
-            spaces.MultiBinary(70),
-            spaces.Tuple([spaces.MultiBinary(40)] * 2),
-        )
+        for space in (PICTURE, NO_BOUNDS, BOX, spaces.Dict(cell=TWO, picture=PICTURE), *MANY)
     ),
     (BOX, {"encode": int}, "needs the states it encodes to"),
     (BOX, {"encode": cr.interop.Bins({"x": [0, 1]})}, "have edges for 1"),
@@ -406,6 +400,9 @@ def test_the_words_of_states_and_of_their_blocks():
     assert words_of_state((3, "red")) == {"state_1": 3, "state_2": "red"}
     assert words_of_state(4) == {"state": 4}
     assert words_of_state({"at": (1, 2)}, "_") == {"_at_1": 1, "_at_2": 2}
+    alike = {"a": np.arange(4).reshape(2, 2), "a_1": [7, 8], "b": [3], "b_1": 4}
+    assert [*words_of_state(alike).values()] == [0, 1, 2, 3, 7, 8, 3, 4]
+    assert words_of_state(alike)["b_1"] == 4
     components = [{"row": 1, "lit": 0}, {"row": 1, "lit": 2}]
     assert words_of_blocks(components, np.array([0, 0])) == ([{"row": 1, "lit": "any"}], {"lit"})
     parts = {"sight/#0": 1, "sight/#1": 2, "goal": "key"}

@@ -243,16 +243,9 @@ OF_FUNCTIONS = {"state": (save, restore)}
 LIES = OF_FUNCTIONS | {"outcomes": lambda s, a: [(1.0, (0, 0), 0.0, False)]}
 
 
-class Diaries(Corridor):
-    """Keeps a list of lamps and one of places."""
-
-    def reset(self, *, seed=None, options=None):
-        self.room1, self.room2 = [], []
-        return super().reset(seed=seed)
-
+class Diaries(Toggles):
     def step(self, action):
-        self.room1 += [1] * (action == 2)
-        self.room2 += [self.place]
+        self.room1, self.room2 = [self.place], [self.switched, self.place]
         return super().step(action)
 
 
