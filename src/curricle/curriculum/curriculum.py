@@ -337,7 +337,7 @@ class Curriculum:
                         f"a transfer's mapping must be made for its tasks: the mapping's {role} is "
                         f"not the task {name!r} in {transfer.source} -> {transfer.target}"
                     )
-            if why := getattr(transfer.mapping, "why_empty", ""):  # observations are not counted
+            if why := transfer.mapping.why_empty:
                 raise CurriculumError(
                     f"a transfer must map some pair, or it transfers nothing: in {transfer.source} "
                     f"-> {transfer.target} {why}"

@@ -195,6 +195,11 @@ class TaskMapping(ABC):
         """Whether the pairs of both tasks are numbered and few enough to count."""
         return False
 
+    @property
+    def why_empty(self) -> str:
+        """Why the mapping maps nothing; empty if it maps a pair, or its pairs are not counted."""
+        return ""
+
 
 class PairMapping(Frozen, TaskMapping):
     """A mapping of target pairs (s, a) to source pairs: each reads the pair of its `index`."""
