@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.spaces import Box, Dict
 
-from curricle.arrays import FloatTable, IntArray
+from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.checks import instance, numbers, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.minigrid import MiniGrid, is_minigrid, quicken
@@ -134,11 +134,13 @@ VOCABULARY = (
 WORDS = tuple(VOCABULARY.split())
 """Words in missions of MiniGrid (its ``DictObservationSpaceWrapper``) and of BabyAI."""
 Cells = npt.NDArray[np.float32]
-FACING: Cells = np.eye(DIRECTIONS, dtype=np.float32)
-EVERY_CELL: Cells = np.eye(CHANNELS, dtype=np.float32)[
-    np.indices((OBJECTS, COLOURS, STATES))
-    + np.reshape([0, OBJECTS, OBJECTS + COLOURS], (3, 1, 1, 1))
-].sum(axis=0)
+FACING: Cells = frozen(np.eye(DIRECTIONS, dtype=np.float32))
+EVERY_CELL: Cells = frozen(
+    np.eye(CHANNELS, dtype=np.float32)[
+        np.indices((OBJECTS, COLOURS, STATES))
+        + np.reshape([0, OBJECTS, OBJECTS + COLOURS], (3, 1, 1, 1))
+    ].sum(axis=0)
+)
 """The zeros and ones of every object, colour and state, (11, 6, 3, 20)."""
 
 
