@@ -205,7 +205,7 @@ class OptimisticQLearning(Learner):
         Q before learning; the lowest value by default.
     value_range : (float, float), optional
         Lowest and highest value of a state. By default from the rewards in the task's tables
-        (:func:`value_bounds`).
+        (:func:`value_bounds`); at discount 1 values may lie outside.
 
     Raises
     ------
@@ -266,13 +266,13 @@ LEARNERS_BY_NAME: dict[str, type[Learner]] = {
 
 
 def value_bounds(task: Task) -> tuple[float, float]:
-    """Return a lower and an upper bound of the discounted returns of episodes, by the rewards.
+    """Return a lower and an upper bound of a task's discounted returns, from its rewards alone.
 
-    They hold from every state and for every policy. Below discount 1 an episode goes on until it
-    terminates, as learners bootstrap at the time limit: values that start within the bounds, and
-    learn by a mean of targets, stay within. At discount 1 such returns need not be finite, and an
-    episode has at most `time_limit` steps: values that learners bootstrap at the limit, and those
-    of :func:`solve`, may then lie outside.
+    They hold from every state that is not terminal, for every policy. Below discount 1 an episode
+    goes on until it terminates, as learners bootstrap at the time limit: values that start within
+    the bounds, and learn by a mean of targets, stay within. At discount 1 such returns need not be
+    finite, and an episode has at most `time_limit` steps: values that learners bootstrap at the
+    limit, and those of :func:`solve`, may then lie outside.
 
     Raises
     ------
@@ -292,7 +292,8 @@ def value_bounds(task: Task) -> tuple[float, float]:
     rows = rows_in_use(mdp.outcome_row, mdp.terminal, len(mdp.probability))
     possible, ends = mdp.probability[rows] > 0, mdp.terminal[mdp.next_state[rows]]
     on, last = mdp.reward[rows][possible & ~ends], mdp.reward[rows][possible & ends]
-    # H = 1 / (1 - gamma) rewards weigh as much as all of them; one of them, at least, is paid.
+    # Below discount 1, H undiscounted rewards bound an endless episode. At discount 1 an episode
+    # pays between one and H.
     lengths = np.array([horizon] if mdp.discount < 1.0 else [1.0, horizon])
     going = [*(lengths * on.min()), *(lengths * on.max())] if on.size else []
     low = high = 0.0

@@ -164,7 +164,7 @@ def longest_turn(discount: float, time_limit: int) -> int:
 
 
 def optimism(task: Task) -> tuple[float, float] | None:
-    """Return the lowest and highest value of a task's states; None if nothing determines them."""
+    """Return :func:`value_bounds`, which values may leave at discount 1; None if undetermined."""
     model = generative_model(task)
     endless = model.discount == 1 and model.time_limit is None
     return None if endless or not has_tables(task) else value_bounds(task)

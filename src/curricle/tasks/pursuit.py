@@ -51,7 +51,8 @@ class Pursuit(Domain):
     Parameters
     ----------
     size, predators : int
-        Cells per side, 2 to 1000, and how many chase the prey, 1 to 100.
+        Cells per side, 2 to 1000, and how many chase the prey, 1 to 100; together they make fewer
+        than 2^63 states, size^(2 + 2 predators).
     moves : {4, 5}
         North, east, south, west; 5 adds staying.
     torus : bool
