@@ -15,14 +15,13 @@
         └── EngineError  a cluster that was lost, or has other versions (also BrokenExecutor)
 
 Every message is one sentence: the rule, the value that broke it, and the place. ForeignError is no
-CurricleError: it describes an exception of a user's code that cannot be raised here as it is, such
-as one of a class that cannot be sent from another process.
+CurricleError: it describes an exception of a user's code that cannot be raised or sent as it is.
 """
 
-import os
 import re
 import sysconfig
 from concurrent.futures import BrokenExecutor
+from os import sep
 from pathlib import Path
 from traceback import walk_tb
 
@@ -95,10 +94,7 @@ class EngineError(StudyError, BrokenExecutor):
 
 
 class ForeignError(RuntimeError):
-    """An error of a user's code in words; its cause, or a note, has the traceback.
-
-    It stands for what must not be raised as it is, and in another process for what cannot be sent.
-    """
+    """An error of a user's code, in words; its cause, or a note, has the traceback."""
 
 
 def reason(error: Exception) -> str:
@@ -121,8 +117,7 @@ def in_words(error: BaseException) -> str:
 
 def place_of(error: BaseException) -> str:
     """Return the file, line and function of a user's code that raised an error; "" if none did."""
-    folders = str(Path(__file__).parent), sysconfig.get_path("stdlib")
-    place, ours = "", (*(folder + os.sep for folder in folders), "<")
+    place, ours = "", (str(Path(__file__).parent) + sep, sysconfig.get_path("stdlib") + sep, "<")
     for frame, line in walk_tb(error.__traceback__):
         code, path = frame.f_code, Path(frame.f_code.co_filename)
         installed = {"site-packages", "dist-packages"} & {*path.parts}

@@ -100,13 +100,10 @@ class Pushed(Robot):
 class Lamps(gym.Env):
     observation_space, action_space = spaces.MultiBinary(70), spaces.Discrete(2)
 
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.lit = 0
+    def reset(self, **settings):
         return np.zeros(70, np.int8), {}
 
     def step(self, action):
-        self.lit = int(action)
         return np.full(70, action, np.int8), float(action), bool(action), False, {}
 """
 

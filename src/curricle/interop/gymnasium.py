@@ -552,9 +552,7 @@ def _count(space: gym.Space[Any]) -> int:
     """Return how many points a space has; `BEYOND_64_BITS` or more where they are not numbered."""
     if isinstance(space, Tuple | Dict):
         return math.prod(_count(part) for _, part in _parts(space))
-    if isinstance(space, Discrete):
-        return int(space.n)
-    sizes = [n for n, _ in _ranges(space)]
+    sizes = [int(space.n)] if isinstance(space, Discrete) else [n for n, _ in _ranges(space)]
     few = sum(n > 1 for n in sizes) < 64  # the product of a picture's sizes takes a second
     return math.prod(sizes) if sizes and few else BEYOND_64_BITS
 

@@ -317,8 +317,7 @@ def _player(
     except BaseException as error:
         if isinstance(error, GeneratorExit) and (at := error.__traceback__) and not at.tb_next:
             raise  # at a yield: this generator is closed
-        doing = "" if action in (None, RESET) else f", for {_at(task, action, state)}"
-        note_place(error, doing)
+        note_place(error, "" if action in (None, RESET) else f", for {_at(task, action, state)}")
         told = error
         if not isinstance(error, Exception | KeyboardInterrupt | SystemExit):
             told = ForeignError(in_words(error))

@@ -104,12 +104,9 @@ class ComponentMapping(PairMapping):
                     target_values = f"{origin.name} of the target runs from {origin.ends}"
                     source_values = f"{component.name} of the source from {component.ends}"
                     return f"no value is in both tasks: {target_values}, and {source_values}"
-            read = {_origin(space, component, self.renaming) for component in other.components}
-            if len(read) == len(other.components) or not (space.is_box and other.is_box):
-                continue  # each is read alone
-            for name, offsets in _lookups(space, other, self.renaming, self.unequal).items():
-                if (offsets == MISSING).all():
-                    return f"no value of {name} of the target is in all components read from it"
+            boxes = space.is_box and other.is_box
+            if boxes and any((part == MISSING).all() for part in self._lookups(space, other)):
+                return "a component of the target has no value that is in all that are read from it"
         return "" if target.states.is_box and source.states.is_box else super().why_empty
 
     @cached_property
@@ -136,9 +133,18 @@ class ComponentMapping(PairMapping):
         No source state exists where an offset is `MISSING`. None if a space is not a whole box.
         """
         target, source = self.target.states, self.source.states
-        if not (target.is_box and source.is_box):
-            return None
-        return list(_lookups(target, source, self.renaming, self.unequal).values())
+        return self._lookups(target, source) if target.is_box and source.is_box else None
+
+    def _lookups(self, target: Space, source: Space) -> list[IntArray]:
+        """Return the :meth:`lookups` of states or of actions."""
+        offsets = {part.name: np.zeros(part.size, np.int64) for part in target.components}
+        for component, stride in zip(source.components, source.strides, strict=True):
+            origin = _origin(target, component, self.renaming)
+            value = _values_of(origin, component, self.unequal) - component.low
+            offset = offsets[origin.name]
+            missing = (value < 0) | (value >= component.size) | (offset == MISSING)
+            offsets[origin.name] = np.where(missing, MISSING, offset + value * stride)
+        return list(offsets.values())
 
     def __repr__(self) -> str:
         shown = [f"{name}={origin}" for name, origin in self._read.items()]
@@ -158,7 +164,7 @@ def project(
     Raises
     ------
     MappingError
-        When a component is unknown, the message lists the known ones; or when no pair is mapped.
+        When a component is unknown (the message lists the known ones), or when no pair is mapped.
 
     Examples
     --------
@@ -177,20 +183,6 @@ def project(
             "values, or map with from_function"
         )
     return mapping
-
-
-def _lookups(
-    target: Space, source: Space, renaming: Mapping[str, str], unequal: Unequal
-) -> dict[str, IntArray]:
-    """Return the offsets of :meth:`ComponentMapping.lookups`, of states or actions, by name."""
-    offsets = {part.name: np.zeros(part.size, np.int64) for part in target.components}
-    for component, stride in zip(source.components, source.strides, strict=True):
-        origin = _origin(target, component, renaming)
-        value = _values_of(origin, component, unequal) - component.low
-        offset = offsets[origin.name]
-        missing = (value < 0) | (value >= component.size) | (offset == MISSING)
-        offsets[origin.name] = np.where(missing, MISSING, offset + value * stride)
-    return offsets
 
 
 def source_points(
