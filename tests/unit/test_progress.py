@@ -52,7 +52,7 @@ LONG = {
     "forecast": (FORECAST, ["corner"], ["corner: 2"]),
     "find_mappings": (SEARCH, ["by_name", "by_homomorphism"], ["searches: 2"]),
     "auto_mapping": (other_mapping, FOUND, [f"searches: {len(FOUND)}"]),
-    "tabulate": (partial(cr.tabulate, "FrozenLake-v1", discount=0.9), ["FrozenLake-v1: 16"], []),
+    "tabulate": (partial(cr.tabulate, "FrozenLake-v1", discount=0.9), [], ["FrozenLake-v1: 16"]),
     "solve": (partial(cr.solve, MAZE), ["float"], []),
     "evaluate": (partial(cr.evaluate, MAZE, [0] * 15), ["float"], []),
     "certify": (partial(cr.certify, MAZE, ZERO), ["Certificate"], []),
