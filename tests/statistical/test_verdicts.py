@@ -70,8 +70,8 @@ def test_a_study_that_is_looked_at_after_every_unit_raises_no_more_false_alarms(
 
 
 def replaced(result, rng):
-    """A learning result whose seeds have flat curves of normal heights."""
-    heights = np.repeat(rng.normal(size=(len(result.seeds), 1)), result.steps.size, axis=1)
+    """A learning result whose seeds have flat curves of normal heights, above random play."""
+    heights = rng.normal(1e3, size=(len(result.seeds), 1)).repeat(result.steps.size, axis=1)
     return replace(result, greedy_return=heights)
 
 
