@@ -46,13 +46,13 @@ def _meant(name):
     """Return ``: did you mean NAME?`` for an unknown name, which may be in a package; or ""."""
     from difflib import get_close_matches
 
-    names = {known.lower(): known for known in __all__}
+    names = {public.lower(): public for public in __all__}
     for stub in Path(__file__).parent.glob("*/__init__.pyi"):
-        for known in findall(r" as (\w+)", stub.read_text("utf-8")):
-            names.setdefault(known.lower(), f"{stub.parent.name}.{known}")
+        for public in findall(r" as (\w+)", stub.read_text("utf-8")):
+            names.setdefault(public.lower(), f"{stub.parent.name}.{public}")
     word = name.lower().replace("ucb", "optimistic")
     near = get_close_matches(word, names, 1) if name[:1] != "_" else []
-    return "".join(f": did you mean {names[known]}?" for known in near)
+    return "".join(f": did you mean {names[public]}?" for public in near)
 
 
 register()

@@ -117,11 +117,14 @@ def in_words(error: BaseException) -> str:
 
 def place_of(error: BaseException) -> str:
     """Return the file, line and function of a user's code that raised an error; "" if none did."""
-    place, ours = "", (str(Path(__file__).parent) + sep, sysconfig.get_path("stdlib") + sep, "<")
+    place, not_users = (
+        "",
+        (str(Path(__file__).parent) + sep, sysconfig.get_path("stdlib") + sep, "<"),
+    )
     for frame, line in walk_tb(error.__traceback__):
         code, path = frame.f_code, Path(frame.f_code.co_filename)
         installed = {"site-packages", "dist-packages"} & {*path.parts}
-        if not (installed or code.co_filename.startswith(ours)):
+        if not (installed or code.co_filename.startswith(not_users)):
             place = f"{RAISED}{code.co_name} of {path.name}, line {line}"
     return place
 

@@ -60,7 +60,7 @@ class Comparison(MeasuredArms):
     interim : str
         Text that says that seeds of the plan are missing; then there are no verdicts and p-values.
     looks : tuple of int
-        Numbers of seeds with which the plan was run before seeds were added.
+        Numbers of seeds with which the study was finished before seeds were added.
     """
 
     def rows(self) -> list[dict[str, Any]]:

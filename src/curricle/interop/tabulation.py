@@ -176,8 +176,8 @@ class Plan:
         elif self.state is None and self.samples is None and has_table(env):
             table: Any = base
             rows = outcomes_available(table, table.P) if self.action_masks else table.P
-            words = words_of(base, len(table.P))
-            source = ListedOutcomes(env, lambda s, a: rows[s][a], *shared, parts=words)
+            state_words = words_of(base, len(table.P))
+            source = ListedOutcomes(env, lambda s, a: rows[s][a], *shared, parts=state_words)
         with shared_draws() as drawn:
             search = self._explored(source)
             if source is world and drawn():  # seldom, and to ask at every step would take long

@@ -121,19 +121,19 @@ class StatePotential(Frozen):
             out and the task does not know its terminal states.
         """
         generative = generative_model(self.task)
-        here = self.at(step)[numbered_states(self.task, state)]
-        there = self.at(step + 1)[numbered_states(self.task, next_state)]
+        phi = self.at(step)[numbered_states(self.task, state)]
+        phi_after = self.at(step + 1)[numbered_states(self.task, next_state)]
         if terminated is not None:
             ended = np.asarray(terminated)
             if not ((ended == 0) | (ended == 1)).all():
                 raise PotentialError(f"terminated must be True or False: got {brief(terminated)}")
-            there = np.where(ended == 1, 0.0, there)
+            phi_after = np.where(ended == 1, 0.0, phi_after)
         elif generative.terminal is None:
             raise PotentialError(
                 "the potential is 0 where an episode has ended, and this task does not know its "
                 f"terminal states: give terminated= for {self.task!r}"
             )
-        return np.asarray(generative.discount * there - here)
+        return np.asarray(generative.discount * phi_after - phi)
 
 
 class PairPotential(Frozen, ABC):
