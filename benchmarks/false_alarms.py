@@ -36,6 +36,20 @@ def pays(arms, family, seeds, rng):
     return any_found(returns, {name: ["scratch"] for name in names})
 
 
+def placebo(share, family, seeds, rng):
+    """Return whether random values are said to gain more, or less, than a placebo's.
+
+    A curriculum has one draw of values in all seeds, its placebo one for each; `share` of the
+    variance of a return is the draw's, the rest the run's.
+    """
+    spread = FAMILIES[family](np.random.default_rng(0), (100_000,)).std()
+    values = np.sqrt(share) * FAMILIES[family](rng, (seeds + 1,)) / spread
+    runs = np.sqrt(1 - share) * rng.normal(size=(2, seeds))
+    returns = {"arm": values[0] + runs[0], "placebo": values[1:] + runs[1]}
+    verdicts = verdicts_of(returns, {"arm": ["placebo"]}, draws=["placebo"])
+    return verdicts["arm"].direction != 0
+
+
 def controls(number, family, seeds, rng):
     """Return whether a curriculum is said to gain more, or less, than some controls."""
     values = FAMILIES[family](rng, (number + 1, seeds))
@@ -48,8 +62,10 @@ VERDICTS: dict[str, Callable[..., bool]] = {
     for name, verdict, settings in (
         ("pays or costs more, one curriculum", pays, (1,)),
         ("pays or costs more, any of five", pays, (5,)),
-        ("gains more or less than its placebo", controls, (1,)),
+        ("gains more or less than a control", controls, (1,)),
         ("gains more or less than five controls", controls, (5,)),
+        ("gains more or less than its placebo, half by the draw", placebo, (0.5,)),
+        ("gains more or less than its placebo, all by the draw", placebo, (1.0,)),
     )
     for family in FAMILIES
 }

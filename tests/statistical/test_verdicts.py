@@ -121,6 +121,22 @@ def check_reason(why, controls, seeds, draw):
     assert np.mean(wrong) <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / STUDIES)
 
 
+@pytest.mark.parametrize("seeds", [6, 20, 100])
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_random_values_of_a_curriculum_seldom_differ_from_those_of_its_placebo(seeds, share):
+    """The curriculum has one draw in all seeds; `share` of a return's variance is its draw's."""
+    rng, gains = np.random.default_rng([seeds, int(10 * share)]), []
+    for _ in range(STUDIES):
+        values = np.sqrt(share) * rng.normal(size=seeds + 1)
+        noise = np.sqrt(1 - share) * rng.normal(size=(2, seeds))
+        returns = {"arm": values[0] + noise[0], "placebo": values[1:] + noise[1]}
+        verdict = verdicts_of(returns, {"arm": ["placebo"]}, draws=["placebo"])["arm"]
+        gains.append(verdict.direction)
+    for direction in (-1, 1):
+        wrong = np.mean(np.equal(gains, direction))
+        assert wrong <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / STUDIES)
+
+
 @pytest.mark.parametrize(("controls", "seeds"), [(1, 10), (3, 20)])
 def test_a_placebo_that_gains_as_much_is_seldom_said_to_gain_more(controls, seeds):
     check_reason("placebo", [f"placebo {n}" for n in range(controls)], seeds, "normal")

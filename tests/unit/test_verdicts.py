@@ -157,6 +157,25 @@ def test_the_gain_over_several_rivals_has_the_smallest_of_their_bounds():
     assert gain.high == min(mean_interval(row, confidence=0.975).high for row in over)
 
 
+def test_a_placebo_is_judged_by_the_spread_of_its_single_draws():
+    """The interval is the prediction interval; of paired differences it would be a third as wide."""
+    rng = np.random.default_rng(5)
+    returns = {"mine": rng.normal(size=9), "placebo": rng.normal(scale=3, size=9) - 4}
+    question = {"mine": ["placebo"]}
+    gain = verdicts_of(returns, question, draws=["placebo"])["mine"].gain
+    draws, apart = returns["placebo"], returns["mine"].mean() - returns["placebo"].mean()
+    half = 2.306004135 * draws.std(ddof=1) * np.sqrt(1 + 1 / 9)
+    assert (gain.low, gain.high) == pytest.approx((apart - half, apart + half))
+    assert verdicts_of(returns, question)["mine"].answer == "yes"
+    assert verdicts_of(returns, question, draws=["placebo"])["mine"].answer == "not shown"
+
+
+def test_equal_draws_are_no_difference_by_rounding():
+    equal = {"mine": np.full(10, 1 / 3), "placebo": np.full(10, 1 / 3)}
+    verdict = verdicts_of(equal, {"mine": ["placebo"]}, draws=["placebo"])["mine"]
+    assert (verdict.p, verdict.direction) == (1.0, 0)
+
+
 def test_a_rival_at_a_constant_distance_does_not_hide_the_spread_over_another():
     gains = np.array([0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 10.0])
     returns = {"mine": gains, "scratch": np.zeros(7), "hopeless": gains - 100}

@@ -417,7 +417,8 @@ class MeasuredArms:
     def _verdicts(self, questions: Mapping[str, tuple[str, ...]]) -> dict[str, Verdict]:
         asked = {name: rivals for name, rivals in questions.items() if rivals}
         withheld = self.interim or self.nobody
-        return verdicts_of(self.returns, asked, interim=withheld, looks=self.looks)
+        draws = {f"{name}, {label}" for name in self.controls for label in (PLACEBO, ALONE)}
+        return verdicts_of(self.returns, asked, interim=withheld, looks=self.looks, draws=draws)
 
     @property
     def earlier(self) -> list[int]:

@@ -5,12 +5,16 @@ questions: do curricula pay (gain more than their opponents), do they gain more 
 more than their placebos and constants, more than a stated arm? All use sign-flip tests of paired
 differences. The p-value of K seeds is at least 2^(1 - K), so that too few seeds give no verdict.
 
+A placebo draws other values for each seed, while what a curriculum knows is nearly the same for all
+seeds. If it knows nothing, its mean return is one draw among K, not the mean of K draws: it is
+compared with the spread of single draws (:func:`_beside_draws`).
+
 Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sampling",
 Technometrics 24, 1982 (intersection-union tests).
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -101,6 +105,7 @@ def verdicts_of(
     *,
     interim: str = "",
     looks: Sequence[int] = (),
+    draws: Collection[str] = (),
 ) -> dict[str, Verdict]:
     """Return for each arm in `rivals` whether it gains more than all of its rivals.
 
@@ -123,6 +128,8 @@ def verdicts_of(
     looks : sequence of int
         Numbers of seeds with which verdicts could be seen before seeds were added. Adjusted
         p-values are multiplied by the number of looks, this one included (Bonferroni).
+    draws : collection of str
+        Rivals that are another draw of random values for each seed: placebos.
 
     Returns
     -------
@@ -157,12 +164,12 @@ def verdicts_of(
                     f"{size}"
                 )
     apart = {
-        name: np.stack([difference(arrays[name], arrays[rival]) for rival in of_name])
+        name: np.stack([_apart(arrays[name], arrays[rival], rival in draws) for rival in of_name])
         for name, of_name in rivals.items()
     }
     times = 1 + len(earlier_looks(looks, len(apart), arrays[next(iter(apart))].size))
-    draws = _draws(times * sum(map(len, apart.values())))
-    p = [math.nan] * len(apart) if interim else _p_values([*apart.values()], draws)
+    vectors = _draws(times * sum(map(len, apart.values())))
+    p = [math.nan] * len(apart) if interim else _p_values([*apart.values()], vectors)
     adjusted_p = p if interim else np.minimum(times * holm(p), 1.0).tolist()
     needed, verdicts = seeds_needed(times * len(apart)), {}
     for (name, rows), p_value, adjusted in zip(apart.items(), p, adjusted_p, strict=True):
@@ -207,6 +214,23 @@ def difference(first: FloatArray, second: FloatArray) -> FloatArray:
     noise = ROUNDING * np.maximum(np.abs(first), np.abs(second))
     apart = np.subtract(first, second)
     return np.where(np.abs(apart) < noise, 0.0, apart)
+
+
+def _apart(returns: FloatArray, rival: FloatArray, is_draw: bool) -> FloatArray:
+    """Return the differences (K,) by which an arm is judged against a rival."""
+    apart = difference(returns, rival)
+    return _beside_draws(apart, rival) if is_draw else apart
+
+
+def _beside_draws(apart: FloatArray, draws: FloatArray) -> FloatArray:
+    """Return differences (K,) with the mean of `apart` and the spread of a single draw.
+
+    Their standard error is ``std(draws) sqrt(1 + 1 / K)``, that of a new draw about the mean of K
+    draws, so that their Student interval is the prediction interval.
+    """
+    spread = difference(draws, np.full_like(draws, draws.mean()))
+    judged: FloatArray = apart.mean() + math.sqrt(len(draws) + 1) * spread
+    return judged
 
 
 def _draws(tests: int) -> int:
