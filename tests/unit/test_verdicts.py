@@ -158,7 +158,7 @@ def test_the_gain_over_several_rivals_has_the_smallest_of_their_bounds():
 
 
 def test_a_placebo_is_judged_by_the_spread_of_its_single_draws():
-    """The interval is the prediction interval; of paired differences it would be a third as wide."""
+    """The interval is the prediction interval; that of paired differences is a third as wide."""
     rng = np.random.default_rng(5)
     returns = {"mine": rng.normal(size=9), "placebo": rng.normal(scale=3, size=9) - 4}
     question = {"mine": ["placebo"]}
