@@ -79,15 +79,16 @@ def _measures(results: StudyResults, arm: str) -> dict[str, str]:
     knows = comparison.knowledge_verdicts.get(arm)
     times = [comparison.times(name) for name in (arm, SCRATCH, rival)]
     steps = ["> " * (not of.reached.all()) + f"{of.steps.mean():,.0f}" for of in times]
-    return {
+    measures = {
         "gain over scratch, sources free": short(comparison.weak_gain(arm, SCRATCH)),
         "gain over scratch": short(comparison.against(SCRATCH)[arm].gain),
         "best opponent": str(rival),
         "gain over the best opponent": short(contrast.strong_gain),
         "steps until learnt: it, scratch, the best opponent": "; ".join(steps),
         "gains more than placebos and constants": "not asked" if knows is None else str(knows),
-        "verdict": contrast.answer,
     }
+    known = dict.fromkeys(measures, "-") if comparison.nobody else measures
+    return {**known, "verdict": contrast.answer}
 
 
 def levels(task: object, stated: Sequence[float] = ()) -> dict[str, float] | None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from curricle.candidates.candidates import source_candidates
 from curricle.comparison.choice import (
+    FIRST_SEED,
     MOST,
     Choice,
     choose as choose_curriculum,
@@ -192,7 +193,8 @@ def trial_study(study: StudyConfig) -> StudyConfig:
         tasks = {**alone["tasks"], target: into, name: source}
         trials[option.name] = {"tasks": tasks, "transfers": [edge]}
     plain: dict[str, Any] = {"choose": None, "controls": None, "scratch_learners": {}}
-    return study.varied(arms=trials, opponents=OPPONENTS, snapshots=0, **plain)
+    plain |= {"seeds": [FIRST_SEED], "snapshots": 0}  # each round of trials adds its seeds
+    return study.varied(arms=trials, opponents=OPPONENTS, **plain)
 
 
 def chosen_study(study: StudyConfig, trials: StudyConfig, name: str, words: str) -> StudyConfig:
