@@ -34,7 +34,19 @@ type = "maze"
 map = "S...T"
 """
 LINE = CHOSEN.replace("choose = true\n", "opponents = []\n")
-MOVED = {"run": TUNED, "choose": CHOSEN, "report": LINE, "audit": LINE}
+AUDITED = f"""{LINE}
+[tasks.end]
+type = "crop"
+of = "line"
+rows = [0, 1]
+columns = [2, 5]
+budget = 100
+[[transfers]]
+source = "end"
+target = "line"
+mapping = "same_position"
+"""
+MOVED = {"run": TUNED, "choose": CHOSEN, "report": LINE, "audit": AUDITED}
 STUDIES = {"chain": CHAIN, "own_code": OWN_CODE, "live": LIVE}
 
 
@@ -88,6 +100,7 @@ def test_a_run_with_trials_killed_at_one_of_its_last_renames_is_completed(tmp_pa
 
 @linux
 @pytest.mark.slow
+@pytest.mark.timeout(3600)  # a choice moves 324 files
 @pytest.mark.parametrize("name", MOVED)
 def test_a_kill_at_each_rename_changes_nothing(tmp_path, name):
     assert_each_rename_may_be_the_last(name, tmp_path)

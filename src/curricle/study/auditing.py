@@ -15,6 +15,7 @@ from curricle.checks import listed, whole_number
 from curricle.comparison.opponents import OPPONENTS, starts_anywhere
 from curricle.comparison.sentences import short
 from curricle.errors import ConfigError, SettingError
+from curricle.files import PART
 from curricle.planning.solution import evaluate, solve
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import scratch_data
@@ -150,6 +151,7 @@ def audit(
     sides = {CONFIGURED: as_configured(read), FAIR: as_fair(read, trials)}
     for side in sides.values():  # both, before the first runs
         check_runnable(side)
-    return Audit(
-        *(run(of, str(Path(path) / at), resume=True, **settings) for at, of in sides.items())
-    )
+    folder = Path(path)
+    for part in folder.glob(f".*{PART}"):  # of a page that a killed audit did not finish
+        part.unlink(missing_ok=True)
+    return Audit(*(run(of, str(folder / at), resume=True, **settings) for at, of in sides.items()))
