@@ -203,7 +203,8 @@ class Halving(sb3.PPO):
 def painted(env):
     """Return an environment whose observations are pictures, channels last."""
     space = Box(0, 255, (40, 40, 3), np.uint8)
-    return TransformObservation(env, lambda seen: np.full((40, 40, 3), seen[0] * 50 + 99), space)
+    picture = np.ones((40, 40, 3), np.uint8)
+    return TransformObservation(env, lambda seen: picture * np.uint8(seen[0] * 50 + 99), space)
 
 
 def goals(env):
