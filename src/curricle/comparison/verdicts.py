@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtr
 
-from curricle.arrays import FloatArray
+from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING
@@ -35,6 +35,7 @@ SIGNIFICANT = 0.05  # adjusted p-values below this count as a difference
 DRAWS, DRAWS_A_TEST = 10_000, 100
 """Fewest sign vectors to draw where there are too many seeds to count all; and how many to draw for
 each test of a family, so that the smallest p-value can stay significant when it is adjusted."""
+UNLIKELY = 1e-12  # probability of what is taken not to happen
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,11 +244,45 @@ def _p_values(apart: Sequence[FloatArray], draws: int) -> list[float]:
     p_values = [math.nan] * len(apart)
     for seeds in {rows.shape[1] for rows in apart}:  # arms with as many seeds share their signs
         alike = [k for k, rows in enumerate(apart) if rows.shape[1] == seeds]
-        of_rivals = sign_flip_tests(np.concatenate([apart[k] for k in alike]), resamples=draws)
-        ends = np.cumsum([len(apart[k]) for k in alike])
-        for k, of_arm in zip(alike, np.split(of_rivals, ends), strict=False):
-            p_values[k] = _p_value(apart[k], of_arm)
+        z = [_standardised(apart[k]) for k in alike]
+        likeliest = np.stack(
+            [apart[k][of_arm.argmin()] for k, of_arm in zip(alike, z, strict=True)]
+        )
+        first = sign_flip_tests(likeliest, resamples=draws)
+        others = [_may_decide(*pair, seeds, draws) for pair in zip(z, first, strict=True)]
+        rows = np.concatenate([apart[k][which] for k, which in zip(alike, others, strict=True)])
+        later = np.split(
+            sign_flip_tests(rows, resamples=draws), np.cumsum([which.sum() for which in others])
+        )
+        for k, p, which, of_others in zip(alike, first, others, later, strict=False):
+            of_rivals = np.full(len(which), p)  # the p of untested rivals decides nothing
+            of_rivals[which] = of_others
+            p_values[k] = _p_value(apart[k], of_rivals)
     return p_values
+
+
+def _standardised(rows: FloatArray) -> FloatArray:
+    """Return ``z = sum_k d_k / sqrt(sum_k d_k^2)`` of each row of differences; 0 if all are 0."""
+    largest = np.abs(rows).max(axis=1, keepdims=True)
+    scale = np.where(largest > 0, largest, 1.0)
+    with np.errstate(invalid="ignore"):  # of infinite differences, which the tests refuse
+        spread = scale[:, 0] * np.sqrt(np.mean((rows / scale) ** 2, axis=1))
+        z: FloatArray = rows.mean(axis=1) / np.where(spread > 0, spread, 1.0)
+    return math.sqrt(rows.shape[1]) * z
+
+
+def _may_decide(z: FloatArray, p: float, seeds: int, draws: int) -> BoolArray:
+    """Return the rivals that may decide an arm's p, besides that of the lowest z, whose p is `p`.
+
+    Random signs make a sum as far from 0 with a probability of at most b = 2 exp(-z^2 / 2)
+    (Hoeffding 1963). So at least c of N random vectors do with one of at most (e N b / c)^c
+    (Chernoff), and where that is below 1e-12 the rival's p is not the largest.
+    """
+    may: BoolArray = draws * p * (math.log(p / 2) + z**2 / 2 - 1) < -math.log(UNLIKELY)
+    if not (z > 0).all():  # then the smallest p decides
+        may = (z < 0) & (p > smallest_p(seeds, draws))
+    may[z.argmin()] = False
+    return may
 
 
 def _p_value(differences: FloatArray, p_values: FloatArray) -> float:
