@@ -245,30 +245,25 @@ def _p_values(apart: Sequence[FloatArray], draws: int) -> list[float]:
     for seeds in {rows.shape[1] for rows in apart}:  # arms with as many seeds share their signs
         alike = [k for k, rows in enumerate(apart) if rows.shape[1] == seeds]
         z = [_standardised(apart[k]) for k in alike]
-        likeliest = np.stack(
-            [apart[k][of_arm.argmin()] for k, of_arm in zip(alike, z, strict=True)]
-        )
-        first = sign_flip_tests(likeliest, resamples=draws)
+        likeliest = [apart[k][of_arm.argmin()] for k, of_arm in zip(alike, z, strict=True)]
+        first = sign_flip_tests(np.stack(likeliest), resamples=draws)
         others = [_may_decide(*pair, seeds, draws) for pair in zip(z, first, strict=True)]
         rows = np.concatenate([apart[k][which] for k, which in zip(alike, others, strict=True)])
-        later = np.split(
-            sign_flip_tests(rows, resamples=draws), np.cumsum([which.sum() for which in others])
-        )
-        for k, p, which, of_others in zip(alike, first, others, later, strict=False):
-            of_rivals = np.full(len(which), p)  # the p of untested rivals decides nothing
-            of_rivals[which] = of_others
+        later = iter(sign_flip_tests(rows, resamples=draws))
+        for k, p, which in zip(alike, first, others, strict=True):
+            # The p of rivals that are not tested decides nothing.
+            of_rivals = np.array([next(later) if tested else p for tested in which])
             p_values[k] = _p_value(apart[k], of_rivals)
     return p_values
 
 
 def _standardised(rows: FloatArray) -> FloatArray:
     """Return ``z = sum_k d_k / sqrt(sum_k d_k^2)`` of each row of differences; 0 if all are 0."""
-    largest = np.abs(rows).max(axis=1, keepdims=True)
-    scale = np.where(largest > 0, largest, 1.0)
     with np.errstate(invalid="ignore"):  # of infinite differences, which the tests refuse
-        spread = scale[:, 0] * np.sqrt(np.mean((rows / scale) ** 2, axis=1))
-        z: FloatArray = rows.mean(axis=1) / np.where(spread > 0, spread, 1.0)
-    return math.sqrt(rows.shape[1]) * z
+        scaled = rows / (np.abs(rows).max() or 1.0)
+    norms = np.sqrt((scaled**2).sum(axis=1))
+    z: FloatArray = scaled.sum(axis=1) / np.where(norms > 0, norms, 1.0)
+    return z
 
 
 def _may_decide(z: FloatArray, p: float, seeds: int, draws: int) -> BoolArray:
