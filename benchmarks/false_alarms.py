@@ -46,7 +46,7 @@ def placebo(share, family, seeds, rng):
     values = np.sqrt(share) * FAMILIES[family](rng, (seeds + 1,)) / spread
     runs = np.sqrt(1 - share) * rng.normal(size=(2, seeds))
     returns = {"arm": values[0] + runs[0], "placebo": values[1:] + runs[1]}
-    verdicts = verdicts_of(returns, {"arm": ["placebo"]}, draws=["placebo"])
+    verdicts = verdicts_of(returns, {"arm": ["placebo"]}, placebos=["placebo"])
     return verdicts["arm"].direction != 0
 
 

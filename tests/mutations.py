@@ -379,7 +379,7 @@ MUTATIONS = [
         "        knows_target=arm.knows_target,\n", "",
         ("tests/unit/test_mappings_that_know_the_target.py::test_it_is_kept_in_the_folder_of_a_study",)),
     Mutation("a placebo is judged by paired differences", "comparison/measures.py",
-        "looks=self.looks, draws=draws)", "looks=self.looks)",
+        "looks=self.looks, placebos=placebos", "looks=self.looks",
         ("tests/unit/test_controls.py::test_knowing_the_optimum_pays_and_its_negation_does_not",)),
     Mutation("an audit calls every paying arm one that knows", "study/auditing.py",
         ' if sides[1].reasons[name].why in ("knowledge", "mapping")', "",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.sent_folders import RULES, STUDY as OWN_CODE
-from tests.support.studies import CHAIN, contents_of
+from tests.support.studies import CHAIN, CORNER, contents_of
 
 LIVE = """
 name = "live"
@@ -34,18 +34,7 @@ type = "maze"
 map = "S...T"
 """
 LINE = CHOSEN.replace("choose = true\n", "opponents = []\n")
-AUDITED = f"""{LINE}
-[tasks.end]
-type = "crop"
-of = "line"
-rows = [0, 1]
-columns = [2, 5]
-budget = 100
-[[transfers]]
-source = "end"
-target = "line"
-mapping = "same_position"
-"""
+AUDITED = f"seeds = 2\nbudget = 300\neval_freq = 100\n{CORNER}"
 MOVED = {"run": TUNED, "choose": CHOSEN, "report": LINE, "audit": AUDITED}
 STUDIES = {"chain": CHAIN, "own_code": OWN_CODE, "live": LIVE}
 

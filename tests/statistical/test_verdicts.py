@@ -130,7 +130,7 @@ def test_random_values_of_a_curriculum_seldom_differ_from_those_of_its_placebo(s
         values = np.sqrt(share) * rng.normal(size=seeds + 1)
         noise = np.sqrt(1 - share) * rng.normal(size=(2, seeds))
         returns = {"arm": values[0] + noise[0], "placebo": values[1:] + noise[1]}
-        verdict = verdicts_of(returns, {"arm": ["placebo"]}, draws=["placebo"])["arm"]
+        verdict = verdicts_of(returns, {"arm": ["placebo"]}, placebos=["placebo"])["arm"]
         gains.append(verdict.direction)
     for direction in (-1, 1):
         wrong = np.mean(np.equal(gains, direction))

@@ -132,6 +132,14 @@ def test_both_are_run_and_said(audited, tmp_path):
     assert "near" in page
 
 
+def test_where_nobody_learnt_there_is_a_verdict_alone(audited, monkeypatch):
+    for side in (audited.configured, audited.fair):
+        monkeypatch.setitem(vars(side.comparison), "nobody", "nobody learnt")
+    *measures, verdict = audited.rows("near")
+    assert {(before, after) for _, before, after in measures} == {("-", "-")}
+    assert verdict[0] == "verdict"
+
+
 def test_a_stopped_audit_goes_on(file, audited):
     trained = []
     again = audit(

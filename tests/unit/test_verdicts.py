@@ -185,17 +185,17 @@ def test_a_placebo_is_judged_by_the_spread_of_its_single_draws():
     rng = np.random.default_rng(5)
     returns = {"mine": rng.normal(size=9), "placebo": rng.normal(scale=3, size=9) - 4}
     question = {"mine": ["placebo"]}
-    gain = verdicts_of(returns, question, draws=["placebo"])["mine"].gain
+    gain = verdicts_of(returns, question, placebos=["placebo"])["mine"].gain
     draws, apart = returns["placebo"], returns["mine"].mean() - returns["placebo"].mean()
     half = 2.306004135 * draws.std(ddof=1) * np.sqrt(1 + 1 / 9)
     assert (gain.low, gain.high) == pytest.approx((apart - half, apart + half))
     assert verdicts_of(returns, question)["mine"].answer == "yes"
-    assert verdicts_of(returns, question, draws=["placebo"])["mine"].answer == "not shown"
+    assert verdicts_of(returns, question, placebos=["placebo"])["mine"].answer == "not shown"
 
 
 def test_equal_draws_are_no_difference_by_rounding():
     equal = {"mine": np.full(10, 1 / 3), "placebo": np.full(10, 1 / 3)}
-    verdict = verdicts_of(equal, {"mine": ["placebo"]}, draws=["placebo"])["mine"]
+    verdict = verdicts_of(equal, {"mine": ["placebo"]}, placebos=["placebo"])["mine"]
     assert (verdict.p, verdict.direction) == (1.0, 0)
 
 

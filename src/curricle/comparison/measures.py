@@ -388,6 +388,14 @@ class MeasuredArms:
             if not (name in self.scratches or arm.curriculum)
         }
 
+    @property
+    def placebos(self) -> dict[str, list[str]]:
+        """The placebos of each curriculum."""
+        return {
+            name: [of for of in (f"{name}, {PLACEBO}", f"{name}, {ALONE}") if of in controls]
+            for name, controls in self.controls.items()
+        }
+
     @cached_property
     def know_nothing(self) -> dict[str, tuple[str, ...]]:
         """The placebos and constants of each curriculum; none if either kind is missing.
@@ -396,9 +404,7 @@ class MeasuredArms:
         """
         # Both kinds are needed: random values are learnt from more slowly than a single value.
         know_nothing: dict[str, tuple[str, ...]] = {}
-        for name, controls in self.controls.items():
-            labels = (f"{name}, {label}" for label in (PLACEBO, ALONE))
-            placebos = [label for label in labels if label in controls]
+        for name, placebos in self.placebos.items():
             constants = [rival for rival in self.scratches if self.arms[rival].curriculum == name]
             asked = placebos and (constants or self.arms[name].network)
             know_nothing[name] = (*placebos, *constants) if asked else ()
@@ -417,8 +423,10 @@ class MeasuredArms:
     def _verdicts(self, questions: Mapping[str, tuple[str, ...]]) -> dict[str, Verdict]:
         asked = {name: rivals for name, rivals in questions.items() if rivals}
         withheld = self.interim or self.nobody
-        draws = {f"{name}, {label}" for name in self.controls for label in (PLACEBO, ALONE)}
-        return verdicts_of(self.returns, asked, interim=withheld, looks=self.looks, draws=draws)
+        placebos = {label for of_name in self.placebos.values() for label in of_name}
+        return verdicts_of(
+            self.returns, asked, interim=withheld, looks=self.looks, placebos=placebos
+        )
 
     @property
     def earlier(self) -> list[int]:

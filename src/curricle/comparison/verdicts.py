@@ -106,7 +106,7 @@ def verdicts_of(
     *,
     interim: str = "",
     looks: Sequence[int] = (),
-    draws: Collection[str] = (),
+    placebos: Collection[str] = (),
 ) -> dict[str, Verdict]:
     """Return for each arm in `rivals` whether it gains more than all of its rivals.
 
@@ -129,8 +129,8 @@ def verdicts_of(
     looks : sequence of int
         Numbers of seeds with which verdicts could be seen before seeds were added. Adjusted
         p-values are multiplied by the number of looks, this one included (Bonferroni).
-    draws : collection of str
-        Rivals that are another draw of random values for each seed: placebos.
+    placebos : collection of str
+        Rivals that have another draw of random values for each seed.
 
     Returns
     -------
@@ -165,12 +165,17 @@ def verdicts_of(
                     f"{size}"
                 )
     apart = {
-        name: np.stack([_apart(arrays[name], arrays[rival], rival in draws) for rival in of_name])
+        name: np.stack(
+            [
+                (_beside_draws if rival in placebos else difference)(arrays[name], arrays[rival])
+                for rival in of_name
+            ]
+        )
         for name, of_name in rivals.items()
     }
     times = 1 + len(earlier_looks(looks, len(apart), arrays[next(iter(apart))].size))
-    vectors = _draws(times * sum(map(len, apart.values())))
-    p = [math.nan] * len(apart) if interim else _p_values([*apart.values()], vectors)
+    draws = _draws(times * sum(map(len, apart.values())))
+    p = [math.nan] * len(apart) if interim else _p_values([*apart.values()], draws)
     adjusted_p = p if interim else np.minimum(times * holm(p), 1.0).tolist()
     needed, verdicts = seeds_needed(times * len(apart)), {}
     for (name, rows), p_value, adjusted in zip(apart.items(), p, adjusted_p, strict=True):
@@ -217,20 +222,14 @@ def difference(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.where(np.abs(apart) < noise, 0.0, apart)
 
 
-def _apart(returns: FloatArray, rival: FloatArray, is_draw: bool) -> FloatArray:
-    """Return the differences (K,) by which an arm is judged against a rival."""
-    apart = difference(returns, rival)
-    return _beside_draws(apart, rival) if is_draw else apart
+def _beside_draws(returns: FloatArray, placebo: FloatArray) -> FloatArray:
+    """Return differences (K,) with the mean of ``returns - placebo`` and a single draw's spread.
 
-
-def _beside_draws(apart: FloatArray, draws: FloatArray) -> FloatArray:
-    """Return differences (K,) with the mean of `apart` and the spread of a single draw.
-
-    Their standard error is ``std(draws) sqrt(1 + 1 / K)``, that of a new draw about the mean of K
+    Their standard error is ``std(placebo) sqrt(1 + 1 / K)``, that of a new draw about the mean of K
     draws, so that their Student interval is the prediction interval.
     """
-    spread = difference(draws, np.full_like(draws, draws.mean()))
-    judged: FloatArray = apart.mean() + math.sqrt(len(draws) + 1) * spread
+    spread = difference(placebo, np.full_like(placebo, placebo.mean()))
+    judged: FloatArray = difference(returns, placebo).mean() + math.sqrt(len(placebo) + 1) * spread
     return judged
 
 
@@ -273,8 +272,10 @@ def _may_decide(z: FloatArray, p: float, seeds: int, draws: int) -> BoolArray:
     (Hoeffding 1963). So at least c of N random vectors do with one of at most (e N b / c)^c
     (Chernoff), and where that is below 1e-12 the rival's p is not the largest.
     """
-    may: BoolArray = draws * p * (math.log(p / 2) + z**2 / 2 - 1) < -math.log(UNLIKELY)
-    if not (z > 0).all():  # then the smallest p decides
+    may: BoolArray
+    if (z > 0).all():
+        may = draws * p * (math.log(p / 2) + z**2 / 2 - 1) < -math.log(UNLIKELY)
+    else:  # the smallest p decides
         may = (z < 0) & (p > smallest_p(seeds, draws))
     may[z.argmin()] = False
     return may

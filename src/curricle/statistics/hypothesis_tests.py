@@ -139,28 +139,22 @@ def sign_flip_tests(
     for row in differences:
         check_each("differences must be finite", np.isfinite(row), row, "seed")
     n, seeds = differences.shape
+    totals = np.abs(differences).sum(axis=1)
+    least = np.abs(differences.sum(axis=1)) - ROUNDING * totals
     if seeds == 1 or n == 0:
         return np.ones(n)
-    totals = np.abs(differences).sum(axis=1)
-    # A sum of differences of one sign is as far from 0 under equal signs alone: such rows share p.
-    one_sign = np.abs(np.sign(differences).sum(axis=1)) == seeds
-    one_sign &= np.abs(differences).min(axis=1) > ROUNDING * totals
-    first_alike = np.where(one_sign, one_sign.argmax(), np.arange(n))
-    distinct, row = np.unique(first_alike, return_inverse=True)
-    differences = differences[distinct]
-    least = np.abs(differences.sum(axis=1)) - ROUNDING * totals[distinct]
     if seeds <= EXACT:
         as_far = _as_far(_all_signs(seeds), differences, least)
         p_values = as_far / len(_all_signs(seeds))
     else:
         rng, rows = np.random.default_rng(seed), max(1, AT_ONCE // seeds)
-        as_far = np.zeros(len(distinct))
+        as_far = np.zeros(n)
         for drawn in range(0, draws, rows):
             size = min(rows, draws - drawn), seeds
             signs = np.asarray(2.0 * rng.integers(2, size=size) - 1.0, np.float64)
             as_far += _as_far(signs, differences, least)
         p_values = (1 + as_far) / (1 + draws)
-    return np.where(totals == 0, 1.0, p_values[row])
+    return np.where(totals == 0, 1.0, p_values)
 
 
 def _as_far(signs: FloatArray, differences: FloatArray, least: FloatArray) -> FloatArray:

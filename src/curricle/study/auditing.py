@@ -15,13 +15,13 @@ from curricle.checks import listed, whole_number
 from curricle.comparison.opponents import OPPONENTS, starts_anywhere
 from curricle.comparison.sentences import short
 from curricle.errors import ConfigError, SettingError
-from curricle.files import PART
 from curricle.planning.solution import evaluate, solve
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import scratch_data
 from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.results import StudyResults
 from curricle.study.running import check_runnable, run_study
+from curricle.study.store import remove_parts
 from curricle.study_file.vary import all_tuned
 from curricle.tasks.mdp import has_tables, tables
 from curricle.text import UNBOUNDED, folded, text_table
@@ -88,8 +88,8 @@ def _measures(results: StudyResults, arm: str) -> dict[str, str]:
         "steps until learnt: it, scratch, the best opponent": "; ".join(steps),
         "gains more than placebos and constants": "not asked" if knows is None else str(knows),
     }
-    known = dict.fromkeys(measures, "-") if comparison.nobody else measures
-    return {**known, "verdict": contrast.answer}
+    shown = dict.fromkeys(measures, "-") if comparison.nobody else measures
+    return {**shown, "verdict": contrast.answer}
 
 
 def levels(task: object, stated: Sequence[float] = ()) -> dict[str, float] | None:
@@ -152,6 +152,5 @@ def audit(
     for side in sides.values():  # both, before the first runs
         check_runnable(side)
     folder = Path(path)
-    for part in folder.glob(f".*{PART}"):  # of a page that a killed audit did not finish
-        part.unlink(missing_ok=True)
+    remove_parts(folder)  # of its page
     return Audit(*(run(of, str(folder / at), resume=True, **settings) for at, of in sides.items()))

@@ -168,6 +168,14 @@ def write_errors(path: Place) -> Iterator[None]:
         ) from error
 
 
+def remove_parts(path: Place, folders: str = "") -> None:
+    """Delete the incomplete files that a killed run left in a folder, or in `folders` below."""
+    if isinstance(path, Path):
+        with write_errors(path):
+            for part in [*path.glob(f"{folders}.*{PART}")]:
+                part.unlink(missing_ok=True)
+
+
 @contextmanager
 def lost_errors() -> Iterator[None]:
     """Turn a failure to read or write during a run into a LostStoreError."""
@@ -475,9 +483,7 @@ class StudyStore:
                     f"{path} already holds results, {counted(len(units), 'file')} of units: go on "
                     "with --resume, or choose another folder"
                 )
-            for part in [*path.rglob(f".*{PART}")] if isinstance(path, Path) else ():
-                with write_errors(path):  # incomplete files of a killed run
-                    part.unlink(missing_ok=True)
+            remove_parts(path, "**/")
             store.describe(description)
             yield store
 

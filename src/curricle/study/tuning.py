@@ -193,8 +193,8 @@ def trial_study(study: StudyConfig) -> StudyConfig:
         tasks = {**alone["tasks"], target: into, name: source}
         trials[option.name] = {"tasks": tasks, "transfers": [edge]}
     plain: dict[str, Any] = {"choose": None, "controls": None, "scratch_learners": {}}
-    plain |= {"seeds": [FIRST_SEED], "snapshots": 0}  # each round of trials adds its seeds
-    return study.varied(arms=trials, opponents=OPPONENTS, **plain)
+    first = [FIRST_SEED]  # each round of trials adds its seeds
+    return study.varied(arms=trials, opponents=OPPONENTS, snapshots=0, seeds=first, **plain)
 
 
 def chosen_study(study: StudyConfig, trials: StudyConfig, name: str, words: str) -> StudyConfig:
