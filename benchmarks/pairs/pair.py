@@ -9,7 +9,7 @@ from curricle.planning.target import Target
 from curricle.transfer import StateActionMapping
 from curricle.transfer.mapping import PairMapping
 
-Split = Literal["development", "verification", "fresh"]
+Split = Literal["development", "verification", "fresh", "blind"]
 SENSIBLE = ("near", "far")
 """Kinds whose source a person would call sensible."""
 CHECKPOINTS = 40
@@ -26,7 +26,7 @@ class Pair:
     name : str
         ``family/label``, the label within its family.
     family : str
-    split : {"development", "verification", "fresh"}
+    split : {"development", "verification", "fresh", "blind"}
         Of the whole family.
     kind : str
         ``near`` and ``far`` are sensible. ``wrong goal``: the source's goal is not the target's.

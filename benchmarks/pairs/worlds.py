@@ -51,6 +51,44 @@ def task_of(
     )
 
 
+def explored(
+    first: list[tuple[int, ...]],
+    names: tuple[str, ...],
+    actions: cr.Component,
+    outcomes: Callable[[Any, int], list[tuple[float, tuple[int, ...], float]]],
+    *,
+    ends: Callable[[Any], bool] = lambda point: False,
+    discount: float,
+    time_limit: int,
+) -> cr.FiniteMDP:
+    """Return the task on the points that lead on from the first ones, where it starts."""
+    points, known = list(first), set(first)
+    for point in points:  # grows meanwhile
+        for action in range(0 if ends(point) else actions.size):
+            for chance, after, _ in outcomes(point, action):
+                if chance > 0 and after not in known:
+                    known.add(after)
+                    points.append(after)
+
+    def possible(point: Any, action: int) -> Any:
+        return [outcome for outcome in outcomes(point, action) if outcome[0] > 0]
+
+    return task_of(
+        sorted(points), names, actions, possible, ends=ends,
+        starts=lambda point: point in first, discount=discount, time_limit=time_limit,
+    )  # fmt: skip
+
+
+def cells_of(lines: list[str], origin: Cell = (0, 0)) -> dict[Cell, str]:
+    """Return the characters of a map by cell, but for walls; the first cell is at `origin`."""
+    return {
+        (origin[0] + i, origin[1] + j): character
+        for i, line in enumerate(lines)
+        for j, character in enumerate(line)
+        if character != "#"
+    }
+
+
 def grid(
     lines: list[str],
     *,
@@ -71,12 +109,7 @@ def grid(
     With probability `slip` a move goes to one of its sides. `wind` is the chance, by column, of one
     cell further north. Cells of `back_to_start` lead to the (only) start.
     """
-    cells = {
-        (origin[0] + i, origin[1] + j): character
-        for i, line in enumerate(lines)
-        for j, character in enumerate(line)
-        if character != "#"
-    }
+    cells = cells_of(lines, origin)
     home = next((cell for cell, character in cells.items() if character in starts), None)
     moves = list(MOVES.values())
 
