@@ -105,6 +105,8 @@ def chosen(split: Any) -> Iterator[Pair]:
     """Yield the sensible pairs of a split, each also negated."""
     if split == "unseen":
         played = [pair for family in UNSEEN for pair in family().pairs.values()]
+    elif split in ("blind", "fresh"):
+        played = pairs(split)
     else:
         seen = [pair for family in SEEN for pair in pairs(family=family)]
         apart = [pair for pair in pairs(split) if pair.family not in SEEN]

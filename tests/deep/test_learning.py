@@ -186,7 +186,7 @@ def test_episodes_are_counted_in_several_environments(observed, episodes, envs):
     ("arguments", "message"),
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
-        ({"shaping": cr.StateShaping(portfolio=cr.Portfolio())}, "portfolio is for learners with"),
+        ({"shaping": cr.QInitialisation(portfolio=cr.Portfolio())}, "portfolio is for QLearning"),
         ({"evaluation": cr.GreedyEvaluation("exact")}, "since an exact evaluation needs tables"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),

@@ -125,7 +125,7 @@ ARGUMENTS = {  # with which public names work
     "observation_task": lambda: {"environment": Ring, "discount": 0.9},
     "PotentialShaping": lambda: {"env": cr.to_gymnasium(MAZE), "potential": phi(), "discount": 0.9},
     "Episodes": lambda: {"number": 3},
-    "Portfolio": lambda: {"first_turns": 9, "memory": 9, "longest_rest": 9},
+    "Portfolio": lambda: {"margin": 0.2, "optimist": 0.5},
     "StateActionPotential": lambda: {"task": MAZE, "values": np.ones((6, 4))},
     "StatePotential": lambda: {
         "task": MAZE,

@@ -58,7 +58,7 @@ ADDED = {
         {"evaluation": {"method": "rollouts", "episodes": N}}, {"evaluation": {"episodes": N}},
         {"storage": {"memory_limit": N}}, {"storage": {"precision": N}}, {"start": [[N, N]]},
         {"shaping": {"type": "RewardBonus", "weight": N}}, {"shaping": "StateShaping"},
-        {"shaping": {"type": "QInitialisation", "portfolio": {"first_turns": N, "memory": N}}},
+        {"shaping": {"type": "QInitialisation", "portfolio": {"margin": N, "optimist": N}}},
         {"learner": {"learning_rate": {"type": "harmonic", "first": N, "last": N, "half": N}}},
         {"learner": {"epsilon": {"type": "exponential", "first": N, "last": N, "half": N}}},
         {"learner": {"inverse_temperature": N}}, {"learner": {"type": "SARSA", "epsilon": N}},

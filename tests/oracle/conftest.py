@@ -98,15 +98,9 @@ class Ties:
             self.bits[state] = bits
 
 
-def pick_action(values, learner, step, draw, take=None, *, bold=False):
-    """Return an action and the bits that its outcome, or a tie, is drawn with.
-
-    A bold learner is greedy, but draws as the others do.
-    """
+def pick_action(values, learner, step, draw, take=None):
+    """Return an action and the bits that its outcome, or a tie, is drawn with."""
     n = len(values)
-    if bold:
-        _, bits = pick_action(values, learner, step, draw, take)
-        return take(values) if take else draw_best(values, bits)[0], bits
     if learner.inverse_temperature is None:
         bits = next(draw)
         if (bits >> 32) / 2**32 < value_of(exploring(learner), step):
@@ -160,6 +154,7 @@ class NaiveLearner:
     literal: bool = False
     tables: list = field(init=False)
     choice: tuple = ()
+    cautious: bool = False  # in its rate of the values that are evaluated beside optimistic ones
 
     def __post_init__(self):
         mdp = self.task.mdp
@@ -225,7 +220,8 @@ class NaiveLearner:
                 best = shown.index(max(shown)) if self.literal else row.index(max(row))
                 worth = row[best] + phi[best]
             target += gamma * worth
-        q[state, action] += rate * (target - q[state, action])
+        cautious = min(rate, 0.3) if self.cautious else rate
+        q[state, action] += cautious * (target - q[state, action])
         if isinstance(self.learner, OptimisticQLearning):
             hoped = reward + (0.0 if ended else gamma * min(self.highest, max(shown)))
             self.hoped[state, action] += rate * (hoped - self.hoped[state, action])
@@ -238,154 +234,194 @@ class NaiveLearner:
         return values + self.shaping.potential.values if self.literal else values
 
 
-@dataclass
-class NaivePortfolio:
-    """Which of the two acts; 1 is the source's. `log` has a row for each turn that has ended."""
+def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_freq=None, seed=0,
+                  stream="", episodes=math.inf):  # fmt: skip
+    """Return what `learn` does for one seed, without the greedy evaluation."""
+    mdp, optimist = task.mdp, isinstance(learner, OptimisticQLearning)
+    if optimist:
+        learner = replace(learner.for_task(task), epsilon=learner.epsilon or 0.0)
+    limit, rates = mdp.time_limit or math.inf, schedule(learner.learning_rate or 0.0)
+    naive = NaiveLearner(task, learner, shaping, literal)
+    visits = np.zeros((2, *mdp.outcome_row.shape), int)  # of tables 0 and 1
+    horizon, outcomes = naive_horizon(mdp), {}
+    start = stream_start(seed, stream)
+    draw, ties = random_bits(start), None
+    if optimist or isinstance(learner, cr.QLearning):
+        ties = Ties(len(mdp.start), splitmix64(start))
+    eval_freq = eval_freq or max(1, steps // 100)
+    curves = NaiveCurves()
+    fresh, step = True, 0
+    while step < steps and curves.all_episodes < episodes:
+        if fresh:
+            state, length, total = pick(mdp.start.tolist(), uniform(next(draw))), 0, 0.0
+        shown = naive.acting(state, step)
+        if fresh or not isinstance(learner, cr.SARSA):
+            naive.choice = pick_action(
+                shown, learner, step, draw, ties and partial(ties.take, state)
+            )
+        action, bits = naive.choice
+        reward, after, ended = played(mdp, state, action, bits)
+        coin = next(draw) if isinstance(learner, cr.DoubleQLearning) else 0
+        counted = visits[coin & 1, state, action] if rates.shape == 3 else step
+        visits[coin & 1, state, action] += 1
+        if learner.learning_rate is None:
+            if outcomes.setdefault((state, action), (after, reward)) != (after, reward):
+                naive.cautious = True
+            n = visits[0, state, action]
+            rate = (horizon + 1) / (horizon + n) if naive.cautious else 1.0
+        else:
+            rate = value_of(schedule(learner.learning_rate), int(counted))
+        before = naive.acting(state, step)
+        naive.learn(state, action, reward, after, ended, step, rate, coin, draw)
+        if ties:
+            ties.update(before, naive.acting(state, step), state, action, bits)
+        step, length, total, state = step + 1, length + 1, total + reward, after
+        fresh = ended or length >= limit
+        if fresh:
+            curves.returns.append(total)
+        if step % eval_freq == 0:
+            curves.note()
+    return curves.result(values=naive.values(step), steps_used=step)
 
-    settings: cr.Portfolio
-    turns: list = field(default_factory=list)  # (who acted, first state, length, return, score)
-    share: float = 0.5
-    acting: int = 1
+
+def naive_horizon(mdp):
+    discounted = 1 / (1 - mdp.discount) if mdp.discount < 1 else math.inf
+    return max(1.0, min(mdp.time_limit or math.inf, discounted))
+
+
+def played(mdp, state, action, bits):
+    """Return a step's reward, its next state, and whether that is terminal."""
+    row = mdp.outcome_row[state, action]
+    outcome = pick(mdp.probability[row].tolist(), uniform(splitmix64(bits)))
+    after = int(mdp.next_state[row, outcome])
+    return float(mdp.reward[row, outcome]), after, bool(mdp.terminal[after])
+
+
+@dataclass
+class NaiveCurves:
+    """Returns of episodes by checkpoint."""
+
+    training: list = field(default_factory=lambda: [math.nan])
+    counts: list = field(default_factory=lambda: [0])
+    returns: list = field(default_factory=list)
 
     @property
-    def horizon(self):
-        """Return the exponential mean of the turns' lengths."""
-        mean = 0.0
-        for n, (_, _, length, *_) in enumerate(self.turns, start=1):
-            mean += max(1.0 / n, 0.02) * (length - mean)
-        return mean
+    def all_episodes(self):
+        return self.counts[-1] + len(self.returns)
+
+    def note(self):
+        returns = self.returns
+        self.training.append(plain_sum(returns) / len(returns) if returns else math.nan)
+        self.counts.append(self.all_episodes)
+        self.returns = []
+
+    def result(self, **more):
+        episodes = {"episodes": np.array(self.counts), "episodes_used": self.all_episodes}
+        return SimpleNamespace(training_return=np.array(self.training), **episodes, **more)
+
+
+INFORMED, OPTIMIST, SOBER, SOURCE = range(4)
+
+
+@dataclass
+class NaiveTurns:
+    """The turns of a portfolio, by member: (length, discounted return)."""
+
+    shares: tuple
+    turns: list = field(default_factory=lambda: [[], [], [], []])
+
+    def steps(self, member):
+        return sum(length for length, _ in self.turns[member])
 
     def mean_and_error(self, member):
         """Return a weighted mean and the square of its standard error."""
-        mean = variance = squares = n = 0.0
-        for total, (acting, *_, score) in enumerate(self.turns, start=1):
-            if acting == member:
-                n += 1.0
-                part = 1.0 / min(n, max(self.settings.memory, total / 10.0))
-                deviation = score - mean
-                mean += part * deviation
-                variance = (variance + part * deviation * deviation) * (1.0 - part)
-                squares = (1.0 - part) * (1.0 - part) * squares + part * part
+        mean = variance = squares = 0.0
+        for n, (_, earned) in enumerate(self.turns[member], start=1):
+            part = 1.0 / min(n, 10.0)
+            deviation = earned - mean
+            mean += part * deviation
+            variance = (variance + part * deviation * deviation) * (1.0 - part)
+            squares = (1.0 - part) * (1.0 - part) * squares + part * part
         return mean, variance / (1.0 / squares - 1.0)
 
-    def typical(self, start):
-        """Return the mean return of turns from a state; of all turns from a new state."""
-        alike = [t for t in self.turns if t[1] == start] or self.turns
-        mean = 0.0
-        for n, (_, _, _, earned, _) in enumerate(alike, start=1):
-            mean += max(1.0 / n, 0.05) * (earned - mean)
-        return mean
+    @property
+    def ahead(self):
+        """Return whether the source's policy is ahead."""
+        if min(len(self.turns[SOURCE]), len(self.turns[SOBER])) < 5:
+            return False
+        (sober, error), (source, noise) = map(self.mean_and_error, (SOBER, SOURCE))
+        return source - sober > math.sqrt(error + noise)
 
-    def end_turn(self, start, length, earned, draw):
-        chance = uniform(next(draw))
-        score = earned - self.typical(start) if self.turns else 0.0
-        self.turns.append((self.acting, start, length, earned, score))
-        acted = [turn[0] for turn in self.turns]
-        n = [acted.count(0), acted.count(1)]
-        if min(n) >= 2:
-            (other, error), (source, noise) = map(self.mean_and_error, (0, 1))
-            gain, both = source - other, error + noise
-            self.share = 0.5 if gain == 0 else float(gain > 0)
-            if both > 0:
-                self.share = 0.5 * math.erfc(-gain / math.sqrt(2.0 * both))
-        recent, first = acted[-(self.settings.longest_rest - 1) :], self.settings.first_turns
-        if len(acted) >= self.settings.longest_rest - 1 and len({*recent}) == 1:
-            self.acting = 1 - recent[0]
-        elif n[1] < 5 and (n[1] * first <= n[0] * 5 or n[0] >= first):
-            self.acting = 1
-        elif n[0] < first:
-            self.acting = 0
-        else:
-            self.acting = int(chance < self.share)
+    @property
+    def next(self):
+        """Return who acts the next turn."""
+        total = sum(map(self.steps, range(4)))
+        for member in (SOURCE, SOBER):
+            if len(self.turns[member]) < 5 and self.steps(member) <= 0.1 * total:
+                return member
+        return min(range(4), key=lambda member: self.steps(member) / self.shares[member])
 
 
-def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_freq=None, seed=0,
-                  stream="", episodes=math.inf, turn=math.inf, bounds=None):  # fmt: skip
-    """Return what `learn` does for one seed, without the greedy evaluation.
+def play_portfolio_naively(
+    task, steps, phi, portfolio, *, bounds, eval_freq, seed=0, seen=lambda tables: None
+):
+    """Return what `learn` does with a portfolio for one seed, without the greedy evaluation.
 
-    In a portfolio, whose turns last `turn` steps at most, a second learner is beside: an optimist
-    with these bounds of its values, or the learner without the shaping.
+    `phi`, (S, A), is NaN where unknown. `seen` gets the members' values after each step.
     """
-    mdp, several = task.mdp, shaping is not None and shaping.portfolio is not None
-    optimist = isinstance(learner, OptimisticQLearning)
-    if optimist:
-        learner = replace(learner.for_task(task), epsilon=learner.epsilon or 0.0)
-    limit, rates = mdp.time_limit or math.inf, schedule(learner.learning_rate)
-    portfolio = NaivePortfolio(shaping.portfolio) if several else None
-    beside = learner
-    if bounds:
-        beside = OptimisticQLearning(value_range=bounds, initial_value=bounds[0])
-    other = NaiveLearner(task, beside)
-    learners = [*[other] * several, NaiveLearner(task, learner, shaping, literal)]
-    visits = np.zeros((2, *mdp.outcome_row.shape), int)  # of tables 0 and 1
-    start = stream_start(seed, stream)
-    draw, ties = random_bits(start), [None, None]
-    plain = shaping is None or isinstance(shaping, cr.QInitialisation | cr.LookAheadAdvice)
-    if optimist or (isinstance(learner, cr.QLearning) and (not several or (bounds and plain))):
-        n = len(mdp.start)
-        bits = Ties(2 * n, splitmix64(start)).bits
-        ties = [Ties(0, 0), Ties(0, 0)]
-        ties[-1].bits, ties[0].bits = bits[:n], bits[n:]
-        ties = ties if several else ties[-1:]
-    eval_freq = eval_freq or max(1, steps // 100)
-    training, shares, counts = [math.nan], [portfolio.share if several else math.nan], [0]
-    fresh, step, ended_episodes, returns, used = True, 0, 0, [], 0
-    while step < steps and ended_episodes < episodes:
+    mdp, (lowest, highest) = task.mdp, bounds
+    gamma, limit = mdp.discount, mdp.time_limit or math.inf
+    horizon = naive_horizon(mdp)
+    longest = limit if gamma == 1 or limit * (1 - gamma) <= 10 else round(3 / (1 - gamma))
+    values, known = np.nan_to_num(phi), phi[~mdp.terminal]
+    spread = np.nanmax(known) - np.nanmin(known)
+    informed = np.clip(phi + portfolio.margin * spread, lowest, highest)
+    tables = [np.where(np.isnan(phi), highest, informed), highest, lowest, values]
+    tables = [np.where(mdp.terminal[:, None], 0.0 * values, table) for table in tables]
+    for table in tables:
+        table[mdp.random_policy == 0] = -math.inf
+    shares = (1.0 - portfolio.optimist - 2 * 0.05, portfolio.optimist, 0.05, 0.05)
+    turns, curves, shown = NaiveTurns(shares), NaiveCurves(), [0.0]
+    visits, outcomes = np.zeros(phi.shape, int), {}
+    start, n = stream_start(seed, ""), len(mdp.start)
+    draw, bits = random_bits(start), Ties(4 * n, splitmix64(start)).bits
+    ties = [Ties(0, 0), Ties(0, 0)]
+    ties[0].bits, ties[1].bits = bits[:n], bits[n : 2 * n]
+    fresh, step, acting, noisy, used, earned, factor = True, 0, SOURCE, False, 0, 0.0, 1.0
+    while step < steps:
         if fresh:
             state, length, total = pick(mdp.start.tolist(), uniform(next(draw))), 0, 0.0
-        if used == 0:
-            earned, factor, begin = 0.0, 1.0, state
-        acting = portfolio.acting if several else 0
-        actor = learners[acting]
-        bold = several and isinstance(actor.learner, OptimisticQLearning)
-        shown = actor.acting(state, step)
-        if fresh or bold or not isinstance(learner, cr.SARSA):
-            take = ties[acting] and partial(ties[acting].take, state)
-            actor.choice = pick_action(shown, learner, step, draw, take, bold=bold)
-        action, bits = actor.choice
-        row = mdp.outcome_row[state, action]
-        outcome = pick(mdp.probability[row].tolist(), uniform(splitmix64(bits)))
-        after, reward = int(mdp.next_state[row, outcome]), float(mdp.reward[row, outcome])
-        ended = bool(mdp.terminal[after])
-        coin = next(draw) if isinstance(learner, cr.DoubleQLearning) else 0
-        counted = visits[coin & 1, state, action] if rates.shape == 3 else step
-        rate = value_of(rates, int(counted))
-        visits[coin & 1, state, action] += 1
-        for naive, tied in zip(learners, ties, strict=False):
-            before = naive.acting(state, step)
-            how = rate, coin
-            if several and isinstance(naive.learner, OptimisticQLearning):
-                horizon = portfolio.horizon or float(used + 1)
-                met = int(visits[:, state, action].sum())
-                how = (horizon + 1.0) / (horizon + met), 0
-            naive.learn(state, action, reward, after, ended, step, *how, draw)
-            if tied:
-                tied.update(before, naive.acting(state, step), state, action, bits)
+        bits, row = next(draw), tables[acting][state].tolist()
+        action = ties[acting].take(state, row) if acting < SOBER else draw_best(row, bits)[0]
+        reward, after, ended = played(mdp, state, action, bits)
+        visits[state, action] += 1
+        noisy |= outcomes.setdefault((state, action), (after, reward)) != (after, reward)
+        rate = (horizon + 1) / (horizon + visits[state, action]) if noisy else 1.0
+        targets = []
+        for member, most in ((INFORMED, highest), (OPTIMIST, highest), (SOBER, math.inf)):
+            worth = 0.0 if ended else gamma * min(most, tables[member][after].max())
+            targets.append(reward + worth)
+        for member in (INFORMED, OPTIMIST):
+            before, old = tables[member][state].tolist(), tables[member][state, action]
+            tables[member][state, action] = old + rate * (targets[member] - old)
+            ties[member].update(before, tables[member][state].tolist(), state, action, bits)
+        if acting < SOBER:
+            old, cautious = tables[SOBER][state, action], min(rate, 0.3) if noisy else 1.0
+            tables[SOBER][state, action] = old + cautious * (targets[SOBER] - old)
+        seen(tables)
         step, length, total, used = step + 1, length + 1, total + reward, used + 1
-        earned, factor, state = earned + factor * reward, factor * mdp.discount, after
+        earned, factor, state = earned + factor * reward, factor * gamma, after
         fresh = ended or length >= limit
+        if fresh or used >= longest:
+            turns.turns[acting].append((used, earned))
+            acting, used, earned, factor = turns.next, 0, 0.0, 1.0
         if fresh:
-            ended_episodes += 1
-            returns.append(total)
-        if several and (fresh or used >= turn):
-            portfolio.end_turn(begin, used, earned, draw)
-            used = 0
+            curves.returns.append(total)
         if step % eval_freq == 0:
-            training.append(plain_sum(returns) / len(returns) if returns else math.nan)
-            shares.append(portfolio.share if several else math.nan)
-            counts.append(ended_episodes)
-            returns = []
-    ahead = several and portfolio.share > 0.5
-    return SimpleNamespace(
-        values=learners[ahead if several else 0].values(step),
-        training_return=np.array(training),
-        source_share=np.array(shares),
-        episodes=np.array(counts),
-        steps_used=step,
-        episodes_used=ended_episodes,
-        turns=portfolio.turns if several else [],
-        ahead=ahead,
-    )
+            curves.note()
+            shown.append(float(turns.ahead))
+    learnt = tables[SOURCE] if turns.ahead else tables[SOBER]
+    return curves.result(values=learnt, source_share=np.array(shown), turns=turns)
 
 
 @pytest.fixture(scope="session")

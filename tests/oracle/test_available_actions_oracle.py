@@ -7,10 +7,10 @@ import pytest
 
 import curricle as cr
 from curricle.certificate import ShapingReward
-from curricle.learning import OptimisticQLearning, Portfolio, value_bounds
+from curricle.learning import OptimisticQLearning, value_bounds
 from tests.support.tasks import among_more_actions, dense_of, random_mdp, with_masks
 
-from .conftest import learn_naively
+from .conftest import learn_naively, play_portfolio_naively
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 EXPLORATIONS = {
@@ -22,12 +22,11 @@ EXPLORATIONS = {
 WAYS = [None, cr.QInitialisation, cr.RewardBonus, cr.StateShaping]
 
 
-def same_as_naive(task, learner, shaping=None, *, exact=True, bounds=None):
+def same_as_naive(task, learner, shaping=None, *, exact=True):
     """Learn by the compiled loops and in plain Python; both results must be the same."""
-    turn = round(3 / (1 - task.discount)) if bounds and task.time_limit is None else np.inf
     options = {"shaping": shaping, "eval_freq": 100}
     result = cr.learn(task, learner, 1200, **options)
-    naive = learn_naively(task, learner, 1200, turn=turn, bounds=bounds, **options)
+    naive = learn_naively(task, learner, 1200, **options)
     assert (np.isneginf(result.values[0]) == ~task.available).all()
     if exact:
         np.testing.assert_array_equal(result.values[0], naive.values)
@@ -55,12 +54,18 @@ def test_shapings(kind, way, random_shaping):
     same_as_naive(task, kind(learning_rate=0.2, epsilon=0.3), random_shaping(task, way))
 
 
-@pytest.mark.parametrize("way", [cr.QInitialisation, cr.RewardBonus])
-def test_portfolios_in_both_loops(way, random_shaping):
+def test_a_portfolio():
     task = with_masks(random_mdp(5, n_actions=4, time_limit=8), 5)
-    portfolio = Portfolio(first_turns=7, memory=9, longest_rest=20)
-    shaping = replace(random_shaping(task, way), portfolio=portfolio)
-    same_as_naive(task, cr.QLearning(epsilon=0.3), shaping, bounds=value_bounds(task))
+    phi = np.random.default_rng(5).normal(size=task.available.shape)
+    phi = cr.StateActionPotential(task, np.where(task.available, phi, -np.inf)).values
+    shaping = cr.QInitialisation(phi, portfolio=cr.Portfolio())
+    result = cr.learn(task, budget=1200, shaping=shaping, eval_freq=100)
+    naive = play_portfolio_naively(
+        task, 1200, phi, cr.Portfolio(), bounds=value_bounds(task), eval_freq=100
+    )
+    assert (np.isneginf(result.values[0]) == ~task.available).all()
+    np.testing.assert_array_equal(result.values[0], naive.values)
+    np.testing.assert_array_equal(result.training_return[0], naive.training_return)
 
 
 def test_an_optimist_learns_no_value_of_an_unavailable_action():

@@ -61,8 +61,8 @@ def test_every_learner_learns_live_what_it_learns_on_tables(kind, pair):
 
 @pytest.mark.parametrize("way", SHAPINGS)
 def test_every_shaping_and_a_portfolio(way, pair, monkeypatch):
-    # Only the rewards of tables bound values: without them there is no optimist.
-    monkeypatch.setattr("curricle.learning.run.optimism", lambda task: None)
+    # Only the rewards of tables bound values.
+    monkeypatch.setattr("curricle.learning.run.value_bounds", lambda task: None)
     tasks = pair(2, time_limit=9)
     learner = cr.QLearning(epsilon=0.3)
     shape = (12,) if way is cr.StateShaping else (12, tasks[0].actions.size)

@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle.errors import SettingError
-from curricle.learning import OptimisticQLearning, harmonic, value_bounds
+from curricle.learning import OptimisticQLearning, value_bounds
 from curricle.learning.storage import Storage
 from tests.support.refusals import check_values
 from tests.support.tasks import ring, ring_by_tables
@@ -27,13 +27,9 @@ def test_settings_come_from_the_task_unless_given():
     task = cr.GridWorld("S.T", discount=0.5)
     filled = OptimisticQLearning().for_task(task)
     assert (filled.value_range, filled.initial_value) == ((-2.0, 199.0), -2.0)
-    assert filled.learning_rate == harmonic(half=3.0)  # (H + 1) / (H + n) at visit n, H = 2
-    assert [filled.learning_rate(n - 1) for n in (1, 4)] == pytest.approx([1.0, 3 / 6])
     configured = OptimisticQLearning(learning_rate=0.2, value_range=(0, 5), initial_value=1.0)
     assert configured.for_task(task) == configured
     assert configured.value_range == (0.0, 5.0)
-    task = cr.GridWorld("S.T", discount=0.99, time_limit=30)
-    assert OptimisticQLearning().for_task(task).learning_rate == harmonic(half=31.0)
 
 
 def test_a_task_that_does_not_tell_is_refused():
@@ -59,7 +55,10 @@ PAIRS = np.zeros((3, 4))
 REFUSED = [
     ({"shaping": cr.StateShaping(np.zeros(3))}, "by QInitialisation or LookAheadAdvice alone"),
     ({"shaping": cr.RewardBonus(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
-    ({"shaping": cr.QInitialisation(PAIRS, portfolio=cr.Portfolio())}, "takes no portfolio"),
+    (
+        {"shaping": cr.QInitialisation(PAIRS, portfolio=cr.Portfolio())},
+        "a portfolio is for QLearning alone",
+    ),
     ({"storage": Storage(kind="sparse")}, "sparse tables are for QLearning"),
 ]
 

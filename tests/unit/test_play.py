@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import curricle as cr
 from curricle.errors import StoreError
 from curricle.learning import TabularPolicy
 from curricle.pictures.scenes import scene_of
+from curricle.planning.greedy import Values
+from curricle.planning.rollouts import greedy_rollout
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.analysis import played_episode, stored_episode
 from tests.support.sent_folders import change
@@ -61,8 +62,7 @@ def test_the_stored_episode_is_that_of_the_last_snapshot(finished, study_file):
     seed, episode = stored_episode(results, "chain", "maze")
     maze = read_study(study_file).curriculum("chain").tasks["maze"]
     last = results.result("chain", "maze").snapshots.values[-1]
-    policy = cr.planning.greedy_policy(last)
-    path = cr.planning.rollout(maze, policy, seed=0)
+    path = greedy_rollout(maze, Values(last.astype(float)), seed=0, steps=len(episode.rewards))
     assert seed == 0
     assert (episode.rewards == path.rewards).all()
     shown = results.analysis.episodes["chain"]["maze"].after.returns[-1]

@@ -1,9 +1,9 @@
-"""What a portfolio compares, and how long a turn is."""
+"""How long a turn of a portfolio is, and what is evaluated."""
 
 import pytest
 
 import curricle as cr
-from curricle.learning.portfolio import UNDECIDED, longest_turn
+from curricle.learning.portfolio import longest_turn
 from curricle.tasks.mdp import NO_LIMIT
 
 STEPS = 10
@@ -20,21 +20,17 @@ def temptation(discount):
     )
 
 
-def test_the_learners_are_judged_by_discounted_returns():
-    """At 0.6 the 1 now is worth more (5 * 0.6^9 = 0.05), which phi hides for 2,000 steps and more.
-
-    Judged by undiscounted returns phi would be ahead.
-    """
-    task = temptation(0.6)
-    phi = cr.solve(task).action_values.copy()
-    assert phi[0].argmax() == 0
-    phi[0, 0] = -1e4
-    shaping = cr.QInitialisation(phi, portfolio=cr.Portfolio())
-    share = cr.learn(
-        task, cr.QLearning(learning_rate=0.01), 2000, seeds=5, shaping=shaping
-    ).source_share
-    assert (share[:, 0] == UNDECIDED).all()
-    assert (share[:, 10:] < 0.05).mean() > 0.9
+@pytest.mark.parametrize(("discount", "first"), [(0.6, 0), (0.99, 1)])
+def test_the_members_are_judged_by_discounted_returns(discount, first):
+    """At 0.6 the 1 now is worth more (5 * 0.6^9 = 0.05), at .99 the 5 later."""
+    task = temptation(discount)
+    phi = cr.solve(task).action_values
+    assert phi[0].argmax() == first
+    for sign in (1, -1):
+        shaping = cr.QInitialisation(sign * phi, portfolio=cr.Portfolio())
+        learnt = cr.learn(task, budget=2000, seeds=5, shaping=shaping)
+        assert (learnt.values[:, 0].argmax(axis=1) == first).all()
+        assert not learnt.source_share[:, -10:].any() or sign == 1
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ VIEW | 'own:half' | own:half failed with TypeError
 [network]
 id = | start_states = "uniform"\nid = | tasks.hunt.start_states must be left out for hunt
 DEEP |  | line 4: learner must be { type = "deep", ... } for hunt, which is seen
-aggr | GUARD 'QInitialisation' }\naggr | a portfolio is for learners with tables: got
+aggr | GUARD 'QInitialisation' }\naggr | a portfolio is for QLearning alone
 aggr | GUARD 'PolicyReuse' }\naggr | shaping.portfolio is unknown
 budget = 3_000 | learner = { type = "deep" } | line 10: tasks.chase.learner must be
 "deep",  | "deep", envs = 0,  | line 17: tasks.hunt.learner is refused: envs of a

@@ -233,6 +233,7 @@ def unrelated_transfers(
 
 def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:
     """Return phi with its values permuted over all pairs that are not terminal."""
-    values, live = phi.values.copy(), live_pairs(phi.task)
-    values[live] = np.random.default_rng([seed, 1]).permutation(values[live])
-    return StateActionPotential(phi.task, values)
+    values, unknown, live = phi.values.copy(), np.isnan(phi.known), live_pairs(phi.task)
+    order = np.random.default_rng([seed, 1]).permutation(int(live.sum()))
+    values[live], unknown[live] = values[live][order], unknown[live][order]
+    return StateActionPotential(phi.task, values, unknown)

@@ -15,7 +15,7 @@ from curricle.deep.learner import DeepLearner, WeightTransfer, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
+from curricle.learning.learners import Learner, QLearning
 from curricle.learning.portfolio import Portfolio
 from curricle.learning.result import LearningResult
 from curricle.learning.run import learn
@@ -35,6 +35,7 @@ from curricle.learning.stopping import (
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
 from curricle.progress import Progress, check_progress, shown
+from curricle.tasks.live import masks_actions
 from curricle.tasks.mdp import Task, generative_model, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, shortened
@@ -66,7 +67,7 @@ PULL = 0.1
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
 among the development targets of benchmarks/networks/miniatures.py."""
 ACTOR_CRITICS = ("PPO", "A2C")  # algorithms for which the pull was tested
-MOST_SHARED = 10_000_000  # state-action pairs of a task with a portfolio: 350 MB of tables a seed
+MOST_SHARED = 10_000_000  # state-action pairs of a task with a portfolio: 400 MB of tables a seed
 
 
 class TrainingOptions(NamedTuple):
@@ -454,12 +455,12 @@ class Curriculum:
                 return WeightTransfer(kl=PULL)
         if isinstance(learner, DeepLearner) and not learner.may_start_at_potential:
             return StateShaping()
-        # A portfolio needs dense tables and a learner that is not optimistic itself. The limit does
-        # not depend on the machine's memory.
-        possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
-        if possible and self.setting("storage", name).kind != "sparse":
-            model = generative_model(self.tasks[name])
-            if model.states.size * model.actions.size <= MOST_SHARED:
+        task, dense = self.tasks[name], self.setting("storage", name).kind != "sparse"
+        if isinstance(learner, QLearning) and dense and not masks_actions(task):
+            model = generative_model(task)
+            # The limit does not depend on the machine's memory.
+            fits = model.states.size * model.actions.size <= MOST_SHARED
+            if fits and (model.discount < 1 or model.time_limit is not None):
                 return QInitialisation(portfolio=Portfolio())
         return QInitialisation()
 

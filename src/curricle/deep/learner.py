@@ -362,7 +362,6 @@ class _OfNetworks(Shaping):
     reads_values: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         number(f"kl of a {self.name}", self.kl, SettingError, low=0)
 
 

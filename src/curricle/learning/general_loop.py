@@ -1,14 +1,11 @@
-"""The general learning loop: n learners of the same steps, all update rules and shapings.
+"""The general learning loop: all update rules and shapings.
 
-One learner acts; all of them learn from every step. There is one of them, or in a portfolio two or
-three: before the source's learner stands the learner from scratch, or the two tables of an optimist
-(the second one never acts). Q-learning on unshaped rewards has a faster loop (q_learning.py).
+Q-learning on unshaped rewards has a faster loop (q_learning.py), and so has a portfolio.
 """
 
 # This loop is compiled once for all rules and shapings: with bodies chosen by type it would be
 # compiled anew for each combination, and compiling takes far longer than the few comparisons that a
-# step of the loop makes. Only the number of learners is a type, so that the code for a second one
-# drops out where there is none. The code for checkpoints is compiled by itself (`called`).
+# step of the loop makes. The code for checkpoints is compiled by itself (`called`).
 
 from typing import NamedTuple
 
@@ -24,21 +21,10 @@ from curricle.learning.learners import (
     expected_value,
     explore,
 )
-from curricle.learning.portfolio import (
-    OTHER,
-    SOURCE,
-    UNDECIDED,
-    PortfolioKernel,
-    Tally,
-    Turn,
-    horizon_of,
-    next_turn,
-    optimistic_rate,
-)
 from curricle.learning.record import Checkpoint, Record, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import StoppingKernel
-from curricle.learning.storage import StaticInt, tie_bits
+from curricle.learning.storage import tie_bits
 from curricle.planning.greedy import ACTION, ONLY_ROW, acting_row, best_of, greedy_action, highest
 from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, greedy_return
 from curricle.tasks.kernel import LINE, STRIDE, called, first_above, inlined, splitmix64
@@ -47,10 +33,7 @@ from curricle.tasks.models import first_state, has_failed, transition, truncated
 # What is added to the reward.
 PLAIN, STATE, BONUS = range(3)
 
-
 FIRST, SECOND = np.uint64(0), np.uint64(1)  # tables of a learner
-N_OPTIMISTIC = 3  # learners of a portfolio with an optimist
-LEARNT = np.uint64(0)  # the learner that is evaluated where the source's is not ahead
 
 
 class ShapingKernel(NamedTuple):
@@ -63,48 +46,27 @@ class ShapingKernel(NamedTuple):
     pair_values: FloatArray  # (S, A) phi(s, a)
 
 
-class Learners(NamedTuple):
-    """n learners of the same steps. The last one has the shaping, and acts first."""
+class GeneralTables(NamedTuple):
+    """The tables of a learner of any rule, and the shaping of its rewards."""
 
-    n: StaticInt
-    q: FloatTable  # (n, m, S, A) the m tables of each
+    q: FloatTable  # (m, S, A)
     shaping: ShapingKernel
-    action: npt.NDArray[np.uint64]  # (n,) each learner's own next action, under SARSA
-    bits: npt.NDArray[np.uint64]  # (n,) for the outcome of that action
-    values: FloatArray  # (1, A) work space: the values that a learner acts on
+    values: FloatArray  # (1, A) work space: the values that the learner acts on
     ties: npt.NDArray[np.uint64]  # (S,) bits that break the ties of each state, or (0,)
-    portfolio: PortfolioKernel
-    tally: Tally
-    highest: float  # cuts the values that an optimist bootstraps from
-    visits: IntArray  # (S, A) of an optimist, or (0, 0)
 
     @classmethod
-    def starting(
-        cls,
-        q: FloatTable,
-        update: int,
-        shaping: ShapingKernel,
-        portfolio: PortfolioKernel,
-        highest: float,
-    ) -> "Learners":
-        """Return the learners before their first step, on tables that have their first values."""
-        n_actions = q.shape[3]
+    def starting(cls, q: FloatTable, update: int, shaping: ShapingKernel) -> "GeneralTables":
+        """Return the tables before the first step, with their first values."""
+        n_actions = q.shape[2]
         room = np.zeros(n_actions + LINE // 8)
         # It is written value by value and then read as a vector, for which the processor waits less
         # where the vector begins in the middle of a cache line: by up to 17 ns a step.
         start = (LINE // 2 - room.ctypes.data) % LINE // 8
         return cls(
-            n=(None,) * len(q),
             q=q,
             shaping=shaping,
-            action=np.zeros(len(q), np.uint64),
-            bits=np.zeros(len(q), np.uint64),
             values=room[start : start + n_actions].reshape(1, n_actions),
-            ties=np.empty(q.shape[2] if len(q) == 1 and update == Q_LEARNING else 0, np.uint64),
-            portfolio=portfolio,
-            tally=Tally.empty(q.shape[2] if len(q) > 1 else 0),
-            highest=highest,
-            visits=np.zeros(q.shape[2:] if len(q) == N_OPTIMISTIC else (0, 0), np.int64),
+            ties=np.empty(q.shape[1] if update == Q_LEARNING else 0, np.uint64),
         )
 
 
@@ -122,16 +84,6 @@ class Course(NamedTuple):
     evaluation: EvaluationKernel
     record: Record
     noting: int  # the address of :func:`note`
-
-
-class Transition(NamedTuple):
-    """A step, as all learners learn from it."""
-
-    state: np.uint64
-    action: np.uint64
-    reward: float
-    next_state: np.uint64
-    terminated: bool
 
 
 class Choice(NamedTuple):
@@ -176,51 +128,39 @@ def _acting_greedy(view, state, bits):
     return best_of(view.values, ONLY_ROW, bits)[1]
 
 
-@inlined
-def acted_on(learners, learner):
-    """Return the view of the values that a learner acts on."""
-    return Acting(learners.q[learner], learners.values)
-
-
 # -- the loop ------------------------------------------------------------------------------------
 
 
-def train(model, rule, learners, course):
-    """Learn in place on ``learners.q``, fill the record.
+def train(model, rule, tables, course):
+    """Learn in place on ``tables.q``, fill the record.
 
     Return the steps and episodes done.
     """
-    return learn_all(model, rule, learners, course)
+    return learn_all(model, rule, tables, course)
 
 
 @inlined  # so that no reference to an array is counted, which takes time to run and to compile
-def learn_all(model, rule, learners, course):
+def learn_all(model, rule, tables, course):
     """Learn as :func:`train` says."""
-    # Unsigned indices of learners, tables and actions need no test for being negative.
-    n, last = np.uint64(len(learners.n)), np.uint64(learners.q.shape[1] - 1)
-    discount, record = course.discount, course.record
-    shaping, ties, shaped = learners.shaping, learners.ties, n - np.uint64(1)
-    several, optimism = shaped > np.uint64(0), len(learners.n) == N_OPTIMISTIC
-    looks_ahead, tally = rule.update in (SARSA_RULE, EXPECTED_SARSA), learners.tally
+    # Unsigned indices of tables and actions need no test for being negative.
+    q, last = tables.q, np.uint64(tables.q.shape[0] - 1)
+    discount, record, real = course.discount, course.record, tables.q.dtype.type
+    shaping, ties, acting = tables.shaping, tables.ties, Acting(tables.q, tables.values)
+    looks_ahead = rule.update in (SARSA_RULE, EXPECTED_SARSA)
     key = splitmix64(course.stream)
     for place in range(np.uint64(ties.shape[0])):
         ties[place] = tie_bits(key, place)
-    share, evaluated, acting = np.nan, shaped, shaped
     step = episodes = ended = checkpoint = np.int64(0)  # a literal would be a type of its own
     ended_return, counter = 0.0, course.stream + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
-    start, turn_length, earned, factor = state, 0, 0.0, 1.0
     action, bits, drawn = np.uint64(0), np.uint64(0), False
+    next_action, next_bits = np.uint64(0), np.uint64(0)  # what SARSA has chosen
     weight, carried = at(shaping.weight, step), 0.0  # of the potential, and from step to step
     while True:
         if step == checkpoint * course.eval_freq:
-            if several:
-                share = tally.share[0]
-                evaluated = shaped if share > UNDECIDED else LEARNT
-            value = greedy_return(course.evaluation, model, acted_on(learners, evaluated))
-            reached = Checkpoint(checkpoint, step, episodes, ended, ended_return, value, share)
-            q, other = learners.q[evaluated, FIRST], learners.q[evaluated, last]
-            if called(course.noting, (record, course.stopping, reached, q, other)) > 0.0:
+            value = greedy_return(course.evaluation, model, acting)
+            reached = Checkpoint(checkpoint, step, episodes, ended, ended_return, value, np.nan)
+            if called(course.noting, (record, course.stopping, reached, q[FIRST], q[last])) > 0.0:
                 return step, episodes
             checkpoint += 1
             ended, ended_return = 0, 0.0
@@ -232,13 +172,11 @@ def learn_all(model, rule, learners, course):
             carried = 0.0
             if shaping.kind == STATE:
                 carried = weight * state_potential(shaping, state, step)
-        start = state if turn_length == 0 else start
-        bold = optimism and acting != shaped  # an optimist acts greedily
-        if fresh or bold or rule.update != SARSA_RULE:
-            write_acting_row(acted_on(learners, acting), state, learners.values)
-            action, bits, counter, drawn = decide(learners, rule, state, step, counter, bold)
+        if fresh or rule.update != SARSA_RULE:
+            write_acting_row(acting, state, tables.values)
+            action, bits, counter, drawn = decide(tables, rule, state, step, counter)
         else:
-            action, bits = learners.action[acting], learners.bits[acting]
+            action, bits = next_action, next_bits
         next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + reward
         weight = at(shaping.weight, step)
@@ -246,56 +184,37 @@ def learn_all(model, rule, learners, course):
         if rule.update == DOUBLE_Q_LEARNING:
             coin, counter = splitmix64(counter), counter + STRIDE
             table = coin & np.uint64(1)
-        row = table * np.uint64(learners.q.shape[2]) + state  # each table counts its own updates
-        rate, changed = rate_of(rule.learning_rate, row, action, step - 1), 0.0
-        next_potential, extra, next_action = 0.0, 0.0, np.uint64(0)
+        row = table * np.uint64(q.shape[1]) + state  # each table counts its own updates
+        rate = rate_of(rule.learning_rate, row, action, step - 1)
+        next_potential, extra = 0.0, 0.0
         if shaping.kind == STATE and not terminated:
             next_potential = weight * state_potential(shaping, next_state, step)
         if shaping.kind != PLAIN:
             extra, carried = shaping_reward(
                 shaping, discount, state, action, carried, next_potential
             )
-        if optimism:
-            horizon = horizon_of(tally, turn_length + 1)
-            taken = Transition(state, action, reward, next_state, terminated)
-            learn_optimistically(learners, horizon, discount, taken)
-        for learner in range(shaped if optimism else np.uint64(0), n):
-            target = reward + (extra if learner == shaped else 0.0)
-            # Cutting off at the time limit is not termination: it bootstraps like any other step.
-            if not terminated:
-                if looks_ahead:
-                    write_acting_row(acted_on(learners, learner), next_state, learners.values)
-                # The values of a learner are those of the actions that it would take itself.
-                if rule.update == SARSA_RULE:
-                    drawn_next = decide(learners, rule, next_state, step, counter, False)
-                    next_action, learners.bits[learner], counter, _ = drawn_next
-                    learners.action[learner] = next_action
-                choice = Choice(table, coin, step, next_action)
-                target = td_target(rule, learners, learner, discount, target, next_state, choice)
-            tables, real = learners.q[learner], learners.q.dtype.type  # in the tables' precision
-            old = tables[table, state, action]
-            new = old + real(rate) * (real(target) - old)
-            tables[table, state, action] = new
-            if learner == acting:
-                changed = np.float64(new)
+        target = reward + extra
+        # Cutting off at the time limit is not termination: it bootstraps like any other step.
+        if not terminated:
+            if looks_ahead:
+                write_acting_row(acting, next_state, tables.values)
+            if rule.update == SARSA_RULE:
+                drawn_next = decide(tables, rule, next_state, step, counter)
+                next_action, next_bits, counter, _ = drawn_next
+            choice = Choice(table, coin, step, next_action)
+            target = td_target(rule, tables, discount, target, next_state, choice)
+        old = q[table, state, action]
+        new = old + real(rate) * (real(target) - old)  # in the tables' precision
+        q[table, state, action] = new
         if ties.shape[0] > 0:
             if not drawn:  # a drawn action was among the highest
-                drawn = draws_again(learners.values, ties[state], changed, action)
+                drawn = draws_again(tables.values, ties[state], np.float64(new), action)
             if drawn:
                 ties[state] = bits
         ends = noted_end(record, next_state, terminated)
         state, fresh = next_state, ends or length >= course.limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
-        if several:  # the learners are compared by what the task maximises
-            turn_length, earned = turn_length + 1, earned + factor * reward
-            factor *= discount
-            if fresh or turn_length >= course.turn:
-                turn = Turn(SOURCE if acting == shaped else OTHER, start, turn_length, earned)
-                chance, counter = splitmix64(counter), counter + STRIDE
-                member = next_turn(learners.portfolio, tally, turn, chance)
-                acting = shaped if member == SOURCE else shaped - np.uint64(1)
-                turn_length, earned, factor = 0, 0.0, 1.0
 
 
 # -- what an action is drawn by ------------------------------------------------------------------
@@ -304,15 +223,12 @@ def learn_all(model, rule, learners, course):
 
 
 @inlined
-def decide(learners, rule, state, step, counter, bold):
-    """Return the decision on ``learners.values`` in a state, as :func:`explore` does.
-
-    A bold learner never explores.
-    """
-    values, best = learners.values, highest(learners.values, ONLY_ROW)
+def decide(tables, rule, state, step, counter):
+    """Return the decision on ``tables.values`` in a state, as :func:`explore` does."""
+    values, best = tables.values, highest(tables.values, ONLY_ROW)
     action, bits, after, exploits = explore(rule.exploration, values, ONLY_ROW, best, step, counter)
-    if exploits or bold:
-        tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)
+    if exploits:
+        tie = tables.ties[state] if tables.ties.shape[0] > 0 else splitmix64(counter)
         action = best_of(values, ONLY_ROW, tie)[1] & ACTION
     return action, bits, after, exploits
 
@@ -358,39 +274,21 @@ def double_q_learning_target(q, reward, discount, next_state, table, coin):
 
 
 @inlined
-def td_target(rule, learners, learner, discount, reward, next_state, choice):
-    """Return the target of a learner's update rule.
+def td_target(rule, tables, discount, reward, next_state, choice):
+    """Return the target of the learner's update rule.
 
-    ``learners.values`` are those that a policy acts on in s'.
+    ``tables.values`` are those that a policy acts on in s'.
     """
-    q = learners.q[learner]
+    q = tables.q
     if rule.update == SARSA_RULE:
         return sarsa_target(q, reward, discount, next_state, choice.next_action)
     if rule.update == EXPECTED_SARSA:
         return expected_sarsa_target(
-            q, reward, discount, next_state, rule.exploration, learners.values, choice.step
+            q, reward, discount, next_state, rule.exploration, tables.values, choice.step
         )
     if rule.update == DOUBLE_Q_LEARNING:
         return double_q_learning_target(q, reward, discount, next_state, choice.table, choice.coin)
     return q_learning_target(q, reward, discount, next_state)
-
-
-@inlined
-def learn_optimistically(learners, horizon, discount, taken):
-    """Update the optimist: the values that start at the highest and, beside them, at the lowest."""
-    state, action, real = taken.state, taken.action, learners.q.dtype.type
-    learners.visits[state, action] += 1
-    rate = real(optimistic_rate(horizon, learners.visits[state, action]))
-    for learner in range(np.uint64(N_OPTIMISTIC - 1)):
-        q, target = learners.q[learner], real(taken.reward)
-        if not taken.terminated:
-            next_value = highest(q[FIRST], taken.next_state)
-            if learner != LEARNT and next_value > learners.highest:
-                next_value = real(learners.highest)
-            target += real(discount) * next_value
-        new = q[FIRST, state, action] + rate * (target - q[FIRST, state, action])
-        for table in range(np.uint64(q.shape[0])):  # the mean of all tables is acted on
-            q[table, state, action] = new
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------

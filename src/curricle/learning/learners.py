@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
+import numpy.typing as npt
 
-from curricle.arrays import IntArray
+from curricle.arrays import BoolArray, IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning.schedules import HARMONIC, ByVisits, Constant, Schedule, at, harmonic, within
@@ -189,7 +190,9 @@ class OptimisticQLearning(Learner):
     It acts greedily on U(s,a) += alpha (r + gamma min(highest, max_b U(s',b)) - U(s,a)) (Even-Dar,
     Mansour 2001). Q(s,a), :class:`QLearning` from the same steps, is evaluated, returned and
     transferred; it starts at the lowest value, so that its greedy policy avoids untried actions.
-    The learning rate is that of Jin et al. 2018, without their bonus for rarely tried pairs.
+    The learning rate is 1 while every pair has had one outcome alone, a next state and a reward;
+    then it is that of Jin et al. 2018, without their bonus for rarely tried pairs, for Q at most
+    0.3.
 
     A potential by :class:`QInitialisation` or :class:`LookAheadAdvice` is added to the start of
     both tables. Other shapings, portfolios and sparse tables are refused.
@@ -197,8 +200,8 @@ class OptimisticQLearning(Learner):
     Parameters
     ----------
     learning_rate : float or Schedule, optional
-        alpha of both tables; here every schedule counts the visits of each pair. By default
-        (H + 1) / (H + n) at visit n, H = min(time limit, 1 / (1 - discount)).
+        alpha of both tables; here every schedule counts the visits of each pair. By default 1, and
+        (H + 1) / (H + n) at visit n once outcomes differ, H = min(time limit, 1 / (1 - discount)).
     epsilon, inverse_temperature : optional
         As for other learners, but epsilon is 0 by default.
     initial_value : float, optional
@@ -231,21 +234,14 @@ class OptimisticQLearning(Learner):
     asks_task: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if self.value_range is not None:
-            name, bounds = "value_range of OptimisticQLearning", self.value_range
-            if not isinstance(bounds, tuple | list) or len(bounds) != 2:
-                raise SettingError(f"{name} must be (lowest, highest): got {bounds!r}")
-            low, high = (number(name, bound, SettingError) for bound in bounds)
-            if low > high:
-                raise SettingError(f"{name} must have lowest <= highest: got {bounds!r}")
-            object.__setattr__(self, "value_range", (low, high))
+        bounds = value_range_of("OptimisticQLearning", self.value_range)
+        object.__setattr__(self, "value_range", bounds)
         super().__post_init__()
 
     def for_task(self, task: Task) -> Self:
         """Return the learner with its task's settings; SettingError if the task determines none."""
-        rate: Any = self.learning_rate
-        if rate is None:
-            rate = harmonic(half=_horizon("OptimisticQLearning without learning_rate", task) + 1.0)
+        if self.learning_rate is None:
+            horizon_of("OptimisticQLearning without learning_rate", task)
         bounds = self.value_range
         if bounds is None:
             if not has_tables(task):
@@ -255,7 +251,7 @@ class OptimisticQLearning(Learner):
                 )
             bounds = value_bounds(task)
         initial = bounds[0] if self.initial_value is None else self.initial_value
-        return replace(self, learning_rate=rate, initial_value=initial, value_range=bounds)
+        return replace(self, initial_value=initial, value_range=bounds)
 
 
 LEARNERS_BY_NAME: dict[str, type[Learner]] = {
@@ -263,6 +259,19 @@ LEARNERS_BY_NAME: dict[str, type[Learner]] = {
     for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
 }
 """The learners that study files and files of results may name; they make no other class."""
+
+
+def value_range_of(owner: str, bounds: Any) -> tuple[float, float] | None:
+    """Return a stated range of values as two floats, None where none is stated; SettingError."""
+    if bounds is None:
+        return None
+    name = f"value_range of {owner}"
+    if not isinstance(bounds, tuple | list) or len(bounds) != 2:
+        raise SettingError(f"{name} must be (lowest, highest): got {bounds!r}")
+    low, high = (number(name, bound, SettingError) for bound in bounds)
+    if low > high:
+        raise SettingError(f"{name} must have lowest <= highest: got {bounds!r}")
+    return low, high
 
 
 def value_bounds(task: Task) -> tuple[float, float]:
@@ -288,7 +297,7 @@ def value_bounds(task: Task) -> tuple[float, float]:
     (-2.0, 199.0)
     """
     mdp = tables(task)
-    horizon = 1.0 / (1.0 - mdp.discount) if mdp.discount < 1.0 else _horizon("value_bounds", task)
+    horizon = 1.0 / (1.0 - mdp.discount) if mdp.discount < 1.0 else horizon_of("value_bounds", task)
     rows = rows_in_use(mdp.outcome_row, mdp.terminal, len(mdp.probability))
     possible, ends = mdp.probability[rows] > 0, mdp.terminal[mdp.next_state[rows]]
     on, last = mdp.reward[rows][possible & ~ends], mdp.reward[rows][possible & ends]
@@ -303,7 +312,7 @@ def value_bounds(task: Task) -> tuple[float, float]:
     return float(min(going + ending)), float(max(going + ending))
 
 
-def _horizon(name: str, task: Task) -> float:
+def horizon_of(name: str, task: Task) -> float:
     """Return min(time limit, 1 / (1 - discount)), or raise SettingError where both are infinite."""
     model = generative_model(task)
     limit = math.inf if model.time_limit is None else float(model.time_limit)
@@ -314,6 +323,56 @@ def _horizon(name: str, task: Task) -> float:
             f"got {task!r}"
         )
     return max(1.0, min(limit, discounted))
+
+
+# -- the rate of optimistic learners, compiled -----------------------------------------------------
+
+SOBER_RATE = 0.3
+"""The highest rate of values that are evaluated, once outcomes differ. Fitted on the development
+families of benchmarks/pairs."""
+
+
+class Visits(NamedTuple):
+    """How often pairs were visited, each with a hash of its last outcome in the upper half."""
+
+    words: npt.NDArray[np.unsignedinteger]  # (n, A)
+    half: np.uint64  # bits
+    differ: BoolArray  # (1,) whether a pair has had two outcomes
+    horizon: float  # H; 0 where a stated rate holds
+
+    @classmethod
+    def none(cls, words: npt.NDArray[Any], horizon: float) -> Self:
+        """Return the visits before the first step, in a table of zeros."""
+        return cls(words, np.uint64(4 * words.itemsize), np.zeros(1, np.bool_), float(horizon))
+
+
+@inlined
+def outcome_of(next_state, reward):
+    """Return a hash of an outcome."""
+    return splitmix64(next_state ^ splitmix64(np.float64(reward).view(np.uint64)))
+
+
+@inlined
+def optimistic_rate(visits, row, action, outcome):
+    """Count a visit; return 1 before outcomes differ, then (H + 1) / (H + n) at visit n."""
+    most = (np.uint64(1) << visits.half) - np.uint64(1)
+    word = np.uint64(visits.words[row, action])
+    n, seen = word & most, word >> visits.half
+    if not visits.differ[0]:
+        if n > np.uint64(0) and seen != outcome & most:
+            visits.differ[0] = True
+        seen = outcome & most
+    n += np.uint64(n < most)
+    visits.words[row, action] = (seen << visits.half) | n
+    if not visits.differ[0]:
+        return 1.0
+    return (visits.horizon + 1.0) / (visits.horizon + np.float64(n))
+
+
+@inlined
+def sober_rate(visits, rate):
+    """Return the rate of the values that are evaluated beside the optimistic ones."""
+    return rate if rate < SOBER_RATE or not visits.differ[0] else SOBER_RATE
 
 
 # -- the action that a learner takes on a row of values, compiled ----------------------------------

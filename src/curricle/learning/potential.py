@@ -144,6 +144,11 @@ class PairPotential(Frozen, ABC):
     of_actions = True
 
     @property
+    @abstractmethod
+    def known(self) -> FloatArray:
+        """phi(s, a), (S, A) float64; NaN where no source knows a pair, and at known ends."""
+
+    @property
     def kernel(self) -> ValueLookup | None:
         """The lookup that fills tables row by row while learning; None for an array."""
         return None
@@ -180,6 +185,8 @@ class StateActionPotential(PairPotential):
     values : (S, A) float array
         phi; set to 0 at the terminal states that the task knows. Where an action is not available
         its values do not count, and may be -inf.
+    unknown : (S, A) bool array, optional
+        Pairs that no source knows, which a portfolio explores as it would without phi.
 
     Raises
     ------
@@ -199,6 +206,7 @@ class StateActionPotential(PairPotential):
 
     task: Task
     values: FloatArray
+    unknown: Any = None
 
     __repr__ = brief_repr
 
@@ -214,6 +222,19 @@ class StateActionPotential(PairPotential):
         values = finite(duplicated(values, available_actions(self.task)), "phi")
         ends = None if generative.terminal is None else generative.terminal[:, None]
         object.__setattr__(self, "values", _zero_at_ends(ends, values))
+        if self.unknown is not None:
+            unknown = np.asarray(self.unknown)
+            if unknown.shape != shape or unknown.dtype != np.bool_:
+                raise PotentialError(
+                    f"the unknown pairs of a potential must be a bool array of shape {shape}: got "
+                    f"{unknown.dtype} of shape {unknown.shape}"
+                )
+            object.__setattr__(self, "unknown", frozen(unknown))
+
+    @property
+    def known(self) -> FloatArray:
+        """phi(s, a), (S, A) float64; NaN at unknown pairs, and at ends that the task knows."""
+        return _nan_at(self.values, self.unknown, generative_model(self.task).terminal)
 
     def rescaled(self, scale: float, shift: float = 0.0) -> Self:
         """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum."""
@@ -272,6 +293,12 @@ class MappedPotential(PairPotential):
         """phi(s, a) as an array, (S, A) float64, computed at first use."""
         return frozen(self.pairs(np.arange(generative_model(self.task).states.size)))
 
+    @property
+    def known(self) -> FloatArray:
+        """phi(s, a), (S, A) float64; NaN where no source knows a pair, and at known ends."""
+        gaps = replace(self, lookup=self.lookup._replace(unknown=np.nan))
+        return _nan_at(gaps.values, None, generative_model(self.task).terminal)
+
     def fill(self, q: FloatTable, initial: float) -> None:
         """Write initial + phi(s, a) into a table, (S, A)."""
         lookup, rows = self.lookup._replace(initial=initial), np.empty((ROWS, q.shape[1]))
@@ -310,6 +337,16 @@ def numbered_states(task: object, states: object) -> IntArray:
 def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
     """Return the values with 0 in terminal states, where these are known; read-only."""
     return frozen(values.copy() if ends is None else np.where(ends, 0.0, values))
+
+
+def _nan_at(values: FloatArray, unknown: Any, ends: Any) -> FloatArray:
+    """Return a copy of values, (S, A), with NaN at unknown pairs and in terminal states."""
+    known = values.copy()
+    if unknown is not None:
+        known[unknown] = np.nan
+    if ends is not None:
+        known[ends] = np.nan
+    return known
 
 
 def finite(array: npt.ArrayLike, name: str) -> FloatArray:

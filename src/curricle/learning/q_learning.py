@@ -9,20 +9,28 @@ from typing import NamedTuple
 import numpy as np
 
 from curricle.learning.general_loop import is_spent
-from curricle.learning.learners import explore
-from curricle.learning.portfolio import (
-    OTHER,
-    SOURCE,
-    UNDECIDED,
-    Turn,
-    horizon_of,
-    next_turn,
+from curricle.learning.learners import (
+    Visits,
+    explore,
     optimistic_rate,
+    outcome_of,
+    sober_rate,
+)
+from curricle.learning.portfolio import (
+    INFORMED,
+    OPTIMIST,
+    SOBER,
+    SOURCE,
+    VISITS,
+    Turn,
+    add_turn,
+    next_member,
+    source_is_ahead,
 )
 from curricle.learning.record import Checkpoint, noted_end
 from curricle.learning.schedules import rate_of
 from curricle.learning.storage import find_row_maxima, is_full, row_of
-from curricle.planning.greedy import ACTION, TIED, best_of, highest
+from curricle.planning.greedy import ACTION, TIED, best_of, greedy_action, highest
 from curricle.planning.policy_evaluation import SLICE, greedy_return
 from curricle.tasks.kernel import (
     STRIDE,
@@ -36,9 +44,6 @@ from curricle.tasks.kernel import (
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 NO_ROW = np.uint64(2**64 - 1)
-OPTIMISTIC, LEARNT, VISITS = np.uint64(1), np.uint64(2), np.uint64(3)
-"""The rows of a portfolio's state after the source's: the optimist's two, and of pairs' visits."""
-MOST_VISITS = np.uint32(2**32 - 1)
 
 
 class Beside(NamedTuple):
@@ -50,6 +55,7 @@ class Beside(NamedTuple):
     """
 
     highest: float  # cuts the values that the optimistic values bootstrap from
+    visits: Visits
 
 
 @overloaded(otherwise=lambda beside, q, number: q.dtype.type(number))
@@ -71,12 +77,16 @@ class Change(NamedTuple):
     bits: np.uint64  # break a tie
 
 
-class OptimistChange(NamedTuple):
-    """The targets of a portfolio's optimist for the same pair."""
+class MembersChange(NamedTuple):
+    """The targets of a portfolio's members for a pair."""
 
-    horizon: float
+    action: np.uint64
+    bits: np.uint64  # break a tie
+    outcome: np.uint64  # a hash of the next state and the reward
+    informed: float
     optimistic: float
-    learnt: float
+    sober: float
+    explores: bool  # whether an optimist acted
 
 
 @inlined
@@ -108,18 +118,30 @@ def update_value(q, best, row, change):
 
 
 @inlined
-def update_all(table, members, row, change, optimist):
-    """Update a row, and in a portfolio those of the optimist beside it."""
+def update_all(table, members, row, change, changes):
+    """Update the row of a pair by a change; in a portfolio each member's by theirs."""
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
-    update(q, best, greedy, row, change)
-    if members is not None:
-        action, bits = change.action, change.bits
-        visits = members.visits[row + VISITS, action]
-        visits += np.uint64(visits < MOST_VISITS)
-        members.visits[row + VISITS, action] = visits
-        rate = q.dtype.type(optimistic_rate(optimist.horizon, visits))
-        update(q, best, greedy, row + OPTIMISTIC, Change(action, rate, optimist.optimistic, bits))
-        update_value(q, best, row + LEARNT, Change(action, rate, optimist.learnt, bits))
+    if members is None:
+        update(q, best, greedy, row, change)
+    else:
+        action, bits = changes.action, changes.bits
+        chosen = optimistic_rate(members.visits, row + VISITS, action, changes.outcome)
+        rate, cautious = q.dtype.type(chosen), q.dtype.type(sober_rate(members.visits, chosen))
+        update(q, best, greedy, row + INFORMED, Change(action, rate, changes.informed, bits))
+        update(q, best, greedy, row + OPTIMIST, Change(action, rate, changes.optimistic, bits))
+        if changes.explores:
+            update_value(q, best, row + SOBER, Change(action, cautious, changes.sober, bits))
+
+
+@inlined
+def acting_on(members, table, member, state, bits):
+    """Return a greedy action of a portfolio's member."""
+    # The optimists' greedy actions are kept. The others act seldom, and draw among ties here.
+    if member == SOURCE:
+        return greedy_action(members.source, state, bits) & ACTION
+    if member == SOBER:
+        return greedy_action(members.sober, state, bits) & ACTION
+    return np.uint64(table.row_argmax[row_of(table, state, False) + member]) & ACTION
 
 
 def train_q_learning(model, rule, tables, course):
@@ -145,21 +167,24 @@ def learn_fast(model, rule, tables, beside, members, course):
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
     limit, eval_freq, far = course.limit, course.eval_freq, len(table.far) > 0
     discount, nothing = as_learnt(beside, q, course.discount), as_learnt(beside, q, 0.0)
+    if members is not None:
+        find_row_maxima(members.source)
     find_row_maxima(table)
     step = episodes = ended = checkpoint = np.int64(0)  # a literal would be a type of its own
     ended_return, episode_return, counter = 0.0, 0.0, course.stream + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
-    change, optimist = Change(np.uint64(0), nothing, nothing, np.uint64(0)), None
+    none = np.uint64(0)
+    change, changes = Change(none, nothing, nothing, none), None
     if members is not None:
-        optimist = OptimistChange(0.0, nothing, nothing)
+        changes = MembersChange(none, none, none, nothing, nothing, nothing, True)
     pending = NO_ROW
-    share, acting, start, begun, earned, factor = np.nan, SOURCE, state, step, 0.0, 1.0
+    share, acting, begun, earned, factor = np.nan, SOURCE, step, 0.0, 1.0
     while True:
         if step == checkpoint * eval_freq:
             if members is not None:
-                share = members.tally.share[0]
-                learnt = members.source if share > UNDECIDED else members.learnt
+                ahead = source_is_ahead(members.tally)
+                share, learnt = np.float64(ahead), members.source if ahead else members.sober
             value = greedy_return(course.evaluation, model, learnt)
             reached = Checkpoint(checkpoint, step, episodes, ended, ended_return, value, share)
             noted = record, course.stopping, reached, learnt.q, learnt.q
@@ -174,13 +199,14 @@ def learn_fast(model, rule, tables, beside, members, course):
         stop = stop if stop < course.steps else course.steps
         stop = stop if stop < slice_ends else slice_ends
         while step < stop:
-            actor, optimistic = row, False
-            if members is not None and acting == OTHER:
-                actor, optimistic = row + OPTIMISTIC, True
-            drawn = explore(rule.exploration, q, actor, best[actor], step, counter)
-            action, bits, counter, exploits = drawn
-            if exploits or optimistic:
-                action = np.uint64(greedy[actor]) & ACTION
+            if members is None:
+                drawn = explore(rule.exploration, q, row, best[row], step, counter)
+                action, bits, counter, exploits = drawn
+                if exploits:
+                    action = np.uint64(greedy[row]) & ACTION
+            else:
+                bits, counter = splitmix64(counter), counter + STRIDE
+                action = acting_on(members, table, acting, state, bits)
             next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
             next_row = row_of(table, next_state, terminated)
             if far:
@@ -189,49 +215,60 @@ def learn_fast(model, rule, tables, beside, members, course):
                 else:
                     prefetch(members.blocks, next_state)
             if pending != NO_ROW:
-                update_all(table, members, pending, change, optimist)
+                update_all(table, members, pending, change, changes)
                 pending = NO_ROW
             if is_full(table, next_row):
                 row = next_row
                 break
-            target = as_learnt(beside, q, reward)
-            counted = row if members is None else state
-            rate = as_learnt(beside, q, rate_of(rule.learning_rate, counted, action, step))
-            if not terminated:
-                after = as_learnt(beside, q, best[next_row])
-                if beside is not None and not after < beside.highest:
-                    after = beside.highest  # rewards at discount 1 could raise optimism too far
-                target += discount * after
-            change = Change(action, rate, target, bits)
+            if members is None:
+                target = as_learnt(beside, q, reward)
+                if beside is not None and beside.visits.horizon > 0.0:
+                    outcome = outcome_of(next_state, reward)
+                    rate = cautious = optimistic_rate(beside.visits, row, action, outcome)
+                    cautious = sober_rate(beside.visits, rate)
+                else:
+                    rate = as_learnt(beside, q, rate_of(rule.learning_rate, row, action, step))
+                    cautious = rate
+                if not terminated:
+                    after = as_learnt(beside, q, best[next_row])
+                    if beside is not None and not after < beside.highest:
+                        after = beside.highest  # rewards at discount 1 could raise optimism too far
+                    target += discount * after
+                change = Change(action, rate, target, bits)
             if beside is not None:
                 target = reward
                 if not terminated:
                     target += discount * np.float64(learnt.row_max[next_row])
-                other, of_q = Change(action, rate, target, bits), of_width(learnt.q, learnt.width)
+                other, of_q = (
+                    Change(action, cautious, target, bits),
+                    of_width(learnt.q, learnt.width),
+                )
                 update(of_q, learnt.row_max, learnt.row_argmax, row, other)
             if members is not None:
-                hoped = expected = q.dtype.type(reward)
+                informed = optimistic = sober = q.dtype.type(reward)
                 if not terminated:
-                    after = best[next_row + OPTIMISTIC]
-                    after = after if after < members.highest else q.dtype.type(members.highest)
-                    hoped += discount * after
-                    expected += discount * best[next_row + LEARNT]
-                horizon = horizon_of(members.tally, step + 1 - begun)
-                optimist = OptimistChange(horizon, hoped, expected)
+                    most = q.dtype.type(members.highest)
+                    after, other = best[next_row + INFORMED], best[next_row + OPTIMIST]
+                    informed += discount * (after if after < most else most)
+                    optimistic += discount * (other if other < most else most)
+                    sober += discount * best[next_row + SOBER]
+                outcome, explores = outcome_of(next_state, reward), acting < SOBER
+                changes = MembersChange(
+                    action, bits, outcome, informed, optimistic, sober, explores
+                )
             ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)
             if far and not ends and next_row != row and step + 1 < stop:
                 pending = row
             else:
-                update_all(table, members, row, change, optimist)
+                update_all(table, members, row, change, changes)
             step, episode_return = step + 1, episode_return + reward
             state, row = next_state, next_row
-            if members is not None:  # the learners are compared by what the task maximises
+            if members is not None:  # the members are compared by what the task maximises
                 earned, factor = earned + factor * reward, factor * course.discount
                 if ends or step - begun >= course.turn:
-                    turn = Turn(acting, start, step - begun, earned)
-                    chance, counter = splitmix64(counter), counter + STRIDE
-                    acting = next_turn(members.portfolio, members.tally, turn, chance)
-                    start, begun, earned, factor = state, step, 0.0, 1.0
+                    add_turn(members.tally, Turn(acting, step - begun, earned))
+                    acting = next_member(members.shares, members.tally)
+                    begun, earned, factor = step, 0.0, 1.0
             # Cutting off at the time limit is not termination: the target was bootstrapped.
             if ends:
                 ended, ended_return, episode_return = ended + 1, ended_return + episode_return, 0.0
@@ -239,6 +276,6 @@ def learn_fast(model, rule, tables, beside, members, course):
                 if episodes == course.episodes:
                     break
                 state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
-                row, start = row_of(table, state, False), state
+                row = row_of(table, state, False)
                 if is_full(table, row) or has_failed(model):
                     break

@@ -9,8 +9,14 @@ import numpy.typing as npt
 
 from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
-from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
-from curricle.learning.portfolio import optimism
+from curricle.learning.learners import (
+    Learner,
+    OptimisticQLearning,
+    QLearning,
+    horizon_of,
+    value_bounds,
+)
+from curricle.learning.portfolio import PORTFOLIO_TABLES
 from curricle.learning.record import Record
 from curricle.learning.result import LearningResult, Outcome, learning_result
 from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
@@ -29,7 +35,7 @@ from curricle.planning.policy_evaluation import ExactEvaluation, GreedyEvaluatio
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.kernel import stream_start
 from curricle.tasks.live import masks_actions
-from curricle.tasks.mdp import Task, generative_model
+from curricle.tasks.mdp import Task, generative_model, has_tables
 
 Kind = TypeVar("Kind")
 MOST_ACTIONS = int(TIED)  # actions that 15 bits can tell apart
@@ -130,20 +136,26 @@ def learn(
     if threads == 1 and len(settings) * (longest + (longest // eval_freq + 1) * work) <= SHORT:
         threads = 0  # the caller's, where starting another takes long
     several = any(seed.shaping is not None and seed.shaping.portfolio for seed in settings)
-    bounds = optimism(task) if several else None
+    horizon = bounds = None
+    if several:
+        horizon = horizon_of("a portfolio", task)
+        bounds = value_bounds(task) if has_tables(task) else None
+    elif isinstance(learner, OptimisticQLearning) and learner.learning_rate is None:
+        horizon = horizon_of("OptimisticQLearning without learning_rate", task)
     rows = rows_allowed(
         storage,
         generative,
-        tables=learner.tables * (1 + several + (bounds is not None)),
-        counts=learner.counts + (bounds is not None),
+        tables=PORTFOLIO_TABLES if several else learner.tables,
+        counts=learner.counts,
         seeds=len(settings) if storage.save_values else max(1, threads),
         steps=longest,
     )
-    if masks_actions(task) and (rows or isinstance(learner, OptimisticQLearning)):
+    if masks_actions(task) and (rows or several or isinstance(learner, OptimisticQLearning)):
         raise SettingError(
             "a live task with action_masks is learnt with dense tables, and not by "
-            "OptimisticQLearning, as its available actions are not known beforehand: got "
-            f"{type(learner).__name__} and {'sparse' if rows else 'dense'} tables"
+            "OptimisticQLearning or a portfolio, as its available actions are not known "
+            f"beforehand: got {type(learner).__name__}{' in a portfolio' * several} and "
+            f"{'sparse' if rows else 'dense'} tables"
         )
     run = Run(
         generative,
@@ -155,6 +167,7 @@ def learn(
         stopping,
         storage,
         rows,
+        horizon,
         bounds,
         floor_steps,
     )

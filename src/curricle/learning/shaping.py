@@ -15,7 +15,7 @@ from curricle.arrays import FloatArray, frozen
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.learning.general_loop import BONUS, PLAIN, STATE, ShapingKernel
-from curricle.learning.learners import Learner, OptimisticQLearning
+from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.portfolio import Portfolio
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant
@@ -74,10 +74,6 @@ class Shaping(ABC):
     # What another tool does with a potential that is not 0 at the ends; empty if nothing.
     at_ends: ClassVar[str] = ""
 
-    def __post_init__(self) -> None:
-        if self.portfolio is not None:
-            instance(f"portfolio of {self.name}", self.portfolio, Portfolio, SettingError)
-
     @property
     @abstractmethod
     def potential(self) -> Any:
@@ -85,7 +81,7 @@ class Shaping(ABC):
 
     @property
     def portfolio(self) -> Portfolio | None:
-        """The portfolio in which the learner takes turns with another, if there is one."""
+        """The portfolio of learners that the potential directs, if there is one."""
         return None
 
     @property
@@ -115,13 +111,11 @@ class Shaping(ABC):
             raise SettingError(
                 f"{self.name} is not a shaping for learners with {kind}: got {learner!r}"
             )
-        if self.portfolio is not None and not tabular:
-            raise SettingError(f"a portfolio is for learners with tables: got {learner!r}")
-        if not isinstance(learner, OptimisticQLearning):
-            return
-        if self.portfolio is not None:
-            raise SettingError(f"OptimisticQLearning takes no portfolio: got {self.portfolio!r}")
-        if not self.starts_at_potential:
+        if self.portfolio is not None and not isinstance(learner, QLearning):
+            raise SettingError(
+                f"a portfolio is for QLearning alone, as its members are fixed: got {learner!r}"
+            )
+        if isinstance(learner, OptimisticQLearning) and not self.starts_at_potential:
             raise SettingError(
                 "OptimisticQLearning has bounds of the task's own values, so it takes a potential "
                 f"by QInitialisation or LookAheadAdvice alone: got {self.name}"
@@ -181,12 +175,13 @@ class _ByPotential(Shaping):
     """A shaping by a potential."""
 
     potential: Any = field(default=None, repr=False)
-    portfolio: Portfolio | None = None
 
 
 @dataclass(frozen=True)
 class _StartsAtPotential(_ByPotential):
     """Q-initialisation and look-ahead advice, which are the same computation."""
+
+    portfolio: Portfolio | None = None
 
     for_networks: ClassVar[bool] = True
     starts_at_potential: ClassVar[bool] = True
@@ -195,6 +190,10 @@ class _StartsAtPotential(_ByPotential):
         "this holds for a learner that bootstraps from phi at the ends; a learner that masks "
         "terminated steps, as Stable-Baselines3 does, never reads it"
     )
+
+    def __post_init__(self) -> None:
+        if self.portfolio is not None:
+            instance(f"portfolio of {self.name}", self.portfolio, Portfolio, SettingError)
 
     def meets_conditions(self, shaped: ShapedView[Any]) -> bool:
         """Return whether phi is 0 at the ends."""
@@ -213,6 +212,7 @@ class QInitialisation(_StartsAtPotential):
     ----------
     potential : StateActionPotential, MappedPotential or (S, A) array, optional
     portfolio : Portfolio, optional
+        Of :class:`QLearning` alone. Without one the learner itself starts at phi.
 
     Examples
     --------
@@ -253,7 +253,6 @@ class StateShaping(_ByPotential):
     ----------
     potential : StatePotential or (S,) array, optional
         From phi(s, a), also an (S, A) array, it takes Phi(s) = max_a phi(s, a).
-    portfolio : Portfolio, optional
 
     Examples
     --------
@@ -310,7 +309,7 @@ class RewardBonus(_ByPotential):
 
     Parameters
     ----------
-    potential, portfolio : optional
+    potential : optional
         As for :class:`QInitialisation`.
 
     Examples

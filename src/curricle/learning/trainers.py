@@ -6,15 +6,27 @@ portfolio, side by side. All else has the general loop.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.errors import SettingError
-from curricle.learning.general_loop import Acting, Course, Learners, train
-from curricle.learning.learners import Q_LEARNING, Learner, OptimisticQLearning
-from curricle.learning.portfolio import NO_PORTFOLIO, UNDECIDED, Members, Tally, longest_turn
+from curricle.learning.general_loop import Acting, Course, GeneralTables, train
+from curricle.learning.learners import (
+    Q_LEARNING,
+    Learner,
+    OptimisticQLearning,
+    Visits,
+)
+from curricle.learning.portfolio import (
+    SOBER,
+    Members,
+    Tally,
+    bounds_by,
+    longest_turn,
+    source_is_ahead,
+)
 from curricle.learning.potential import PairPotential
 from curricle.learning.q_learning import Beside, train_q_learning
 from curricle.learning.record import Checkpoint, Record, note
@@ -77,7 +89,8 @@ class Run:
     stopping: StoppingKernel
     storage: Storage
     rows: int  # that a sparse table may have; 0 for a dense table
-    bounds: tuple[float, float] | None  # of values, where portfolios have an optimist
+    horizon: float | None  # H of optimists; None where a stated rate holds
+    bounds: tuple[float, float] | None  # of values, where a portfolio's task has tables
     floor_steps: int  # that it took to estimate the floor of the stopping rule
 
     @property
@@ -117,10 +130,9 @@ class Run:
         """Return the trainer of the tables that a shaping needs."""
         if self.plain(shaping):
             return train_sparse if self.rows else train_dense
-        optimist = self.learner.update == Q_LEARNING and bool(self.bounds)
-        if optimist and shaping is not None and shaping.starts_at_potential:
+        if shaping is not None and shaping.portfolio is not None:
             return train_portfolio
-        return train_learners
+        return train_learner
 
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
@@ -134,8 +146,7 @@ class Run:
     ) -> Totals:
         """Run a loop on a table or learners.
 
-        It evaluates a view such as `view`; `q`, (n, m, S, A), are the m tables of each learner, the
-        last of which acts first.
+        It evaluates a view such as `view`; `q`, (m, S, A), are the m tables of the learner.
         """
         discount, limit = self.task.discount, self.task.time_limit
         limit = int(NO_LIMIT if limit is None else limit)
@@ -157,7 +168,7 @@ class Run:
                 self.eval_freq,
                 seed.evaluation.compiled_for(model, view),
                 seed.record,
-                address_of(compiled(note, False), *noted, q[-1, 0], q[-1, 0]),
+                address_of(compiled(note, False), *noted, q[0], q[0]),
             )
             rule = self.learner.kernel(visits)
             totals = compiled(loop, has_users_code(model))(model, rule, learns, course)
@@ -198,6 +209,10 @@ class Run:
             q[...] = initial
         else:
             potential.fill(q, initial)
+        return self.closed(q)
+
+    def closed(self, q: FloatTable) -> FloatTable:
+        """Return a table with 0 in terminal states and -inf at pairs that are not available."""
         if self.task.terminal is not None:
             q[self.task.terminal] = 0.0
         if (available := available_actions(self.task)) is not None:
@@ -211,14 +226,18 @@ class Run:
         return DenseTable(q, best, greedy, key, n, np.uint64(len(n)), self.width, far)
 
     def only_ends(
-        self, record: Record, tables: FloatTable, potential: PairPotential | None
+        self,
+        record: Record,
+        tables: FloatTable,
+        potential: PairPotential | None,
+        initial: float | None = None,
     ) -> IntArray:
         """Return the noted ends that still have the values that they started with, which are 0.
 
         A state in which an episode has ended, and another has gone on, is no end of the task's.
         """
         ends = np.flatnonzero(record.ends)
-        initial = float(self.learner.initial_value)
+        initial = float(self.learner.initial_value) if initial is None else initial
         phi = 0.0 if potential is None else potential.pairs(ends)
         start = np.broadcast_to(phi + initial, (len(ends), tables.shape[2]))
         now = tables[:, ends]
@@ -244,8 +263,9 @@ def train_dense(run: Run, seed: Seed) -> Outcome:
         acts = np.add(q, highest - float(run.learner.initial_value), dtype=q.dtype)
         if run.task.terminal is not None:
             acts[run.task.terminal] = 0.0
-        tables = run.dense(seed, acts), learnt, Beside(highest), None
-    totals = run.loop(train_q_learning, seed, tables, learnt, acts[None, None])
+        visits = Visits.none(np.zeros(run.shape, np.uint64), run.horizon or 0.0)
+        tables = run.dense(seed, acts), learnt, Beside(highest, visits), None
+    totals = run.loop(train_q_learning, seed, tables, learnt, acts[None])
     q[run.only_ends(seed.record, q[None], seed.initial)] = 0.0
     return run.outcome(seed, seed.out, totals)
 
@@ -254,7 +274,7 @@ def train_sparse(run: Run, seed: Seed) -> Outcome:
     """Train on a row for every state that is visited."""
     table = empty_sparse_table(run, seed)
     tables = table, table, None, None
-    totals = run.loop(train_q_learning, seed, tables, table, table.q[None, None])
+    totals = run.loop(train_q_learning, seed, tables, table, table.q[None])
     (steps, episodes), (most_steps, most_episodes) = totals, run.limits
     early = steps < most_steps - seed.settings.charged and episodes < most_episodes
     values = None
@@ -313,59 +333,52 @@ def check_sparse(run: Run, settings: Sequence[SeedSettings]) -> None:
 
 
 def train_portfolio(run: Run, seed: Seed) -> Outcome:
-    """Train the source's learner, an optimist and its second table, their rows side by side."""
-    shaping, (lowest, highest) = seed.settings.shaping, cast(tuple[float, float], run.bounds)
+    """Train a portfolio: rows of the optimists, the sober learner and visits lie side by side."""
+    shaping = seed.settings.shaping
     assert shaping is not None
     assert shaping.portfolio is not None
+    portfolio, phi = shaping.portfolio, shaping.potential
+    stated = portfolio.value_range or run.bounds
+    lowest, highest = bounds = stated or bounds_by(phi)
     n, n_actions = run.shape
     rows = np.zeros((4 * n + 3, n_actions), run.storage.dtype)
     q = rows[: 4 * n]
     blocks = q.reshape(n, 4, n_actions)
-    blocks[:, 0] = run.filled(seed.initial)
-    for k, start in ((1, highest), (2, lowest)):
-        run.filled(None, blocks[:, k], start)
-    table = run.dense(seed, q, (None,) * 4)
-
-    def part(k: int) -> DenseTable:
-        # Rows from k on, of which every fourth is read: a table of a type for which evaluation is
-        # compiled already.
-        far = (None,) * (q.nbytes // 4 > NEAR)
-        best, greedy = table.row_max[k:], table.row_argmax[k:]
-        of_one = table._replace(q=rows[k : k + 4 * n], n=(None,), far=far)
-        return of_one._replace(row_max=best, row_argmax=greedy)
-
-    source, learnt, tally = part(0), part(2), Tally.empty(n)
-    memory = q.reshape(n, -1), q.view(f"u{q.itemsize}")
-    members = Members(shaping.portfolio.kernel, tally, highest, *memory, source, learnt)
-    tables = table, learnt, None, members
-    totals = run.loop(train_q_learning, seed, tables, learnt, q[None, None])
+    for member, start in enumerate((portfolio.informed(phi, bounds), highest, lowest)):
+        blocks[:, member] = start
+        run.closed(blocks[:, member])
+    table, source = run.dense(seed, q, (None,) * 4), run.dense(seed, run.filled(phi, initial=0.0))
+    # The sober rows are every fourth from theirs on: a table of a type for which evaluation is
+    # compiled already.
+    first = int(SOBER)
+    best, greedy = table.row_max[first:], table.row_argmax[first:]
+    sober = table._replace(q=rows[first : first + 4 * n], n=(None,), far=source.far)
+    sober = sober._replace(row_max=best, row_argmax=greedy)
+    cut = highest if stated else np.inf
+    assert run.horizon is not None
+    tally, visits = Tally.empty(), Visits.none(q.view(f"u{q.itemsize}"), run.horizon)
+    memory = q.reshape(n, -1), visits
+    members = Members(portfolio.shares, tally, cut, *memory, sober, source)
+    tables = table, sober, None, members
+    totals = run.loop(train_q_learning, seed, tables, sober, q[None])
     if seed.out is not None:
-        seed.out[...] = blocks[:, 0 if tally.share[0] > UNDECIDED else 2]
+        learnt = blocks[:, first]
+        seed.out[...] = source.q if source_is_ahead(tally) else learnt
+        seed.out[run.only_ends(seed.record, learnt[None], None, lowest)] = 0.0
     return run.outcome(seed, seed.out, totals)
 
 
-def train_learners(run: Run, seed: Seed) -> Outcome:
-    """Train a learner with a shaping; in a portfolio also an optimist or one without it."""
+def train_learner(run: Run, seed: Seed) -> Outcome:
+    """Train a learner of any rule with any shaping."""
     shaping, record = seed.settings.shaping or QInitialisation(), seed.record
-    portfolio, starts = shaping.portfolio, list[float | None]([None])
-    if portfolio is not None:
-        starts = [None, None] if run.bounds is None else [*run.bounds, None]
-    q = np.empty((len(starts), run.learner.tables, *run.shape), run.storage.dtype)
-    for k, (tables, start) in enumerate(zip(q, starts, strict=True)):
-        for table in tables:
-            run.filled(seed.initial if k == len(q) - 1 else None, table, start)
-    kernel = NO_PORTFOLIO if portfolio is None else portfolio.kernel
-    highest = 0.0 if run.bounds is None else run.bounds[1]
-    learners = Learners.starting(q, run.learner.update, shaping.kernel(), kernel, highest)
-    totals = run.loop(train, seed, learners, Acting(q[0], learners.values), q)
+    q = np.empty((run.learner.tables, *run.shape), run.storage.dtype)
+    for table in q:
+        run.filled(seed.initial, table)
+    learner = GeneralTables.starting(q, run.learner.update, shaping.kernel())
+    totals = run.loop(train, seed, learner, Acting(q, learner.values), q)
     for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
-        if portfolio is None or record.source_share[checkpoint] > UNDECIDED:
-            values += shaping.offset(checkpoint * run.eval_freq)
-    best = -1
-    if portfolio is not None and learners.tally.share[0] <= UNDECIDED:
-        shaping, best = QInitialisation(), 0
+        values += shaping.offset(checkpoint * run.eval_freq)
     if seed.out is not None:
-        initial = shaping.potential if shaping.starts_at_potential else None
-        seed.out[...] = q[best].mean(axis=0) + shaping.offset(totals.steps)
-        seed.out[run.only_ends(record, q[best], initial)] = 0.0
+        seed.out[...] = q.mean(axis=0) + shaping.offset(totals.steps)
+        seed.out[run.only_ends(record, q, seed.initial)] = 0.0
     return replace(run.outcome(seed, seed.out, totals), own_rewards=shaping.own_rewards)

@@ -60,8 +60,11 @@ def combined_potential(
             f"{LARGEST_INDEX:,} pairs, as any other function takes arrays of them: got "
             f"{getattr(function, '__name__', repr(function))} and {pairs:,} pairs"
         )
-    phis = [edge.potential(q) for edge, q in zip(transfers, source_values, strict=True)]
-    return StateActionPotential(task, aggregate(function, np.stack(phis), unknown_value))
+    each = zip(transfers, source_values, strict=True)
+    phis = np.stack([edge.potential(q) for edge, q in each])
+    unknown = np.isnan(phis).all(axis=0)
+    phi = aggregate(function, phis, unknown_value)
+    return StateActionPotential(task, phi, unknown if unknown.any() else None)
 
 
 def mapped_potential(
