@@ -1,5 +1,6 @@
 """A curriculum: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,6 +23,7 @@ from curricle.learning.run import learn
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import (
+    AGREED,
     SETTLED,
     Budget,
     Decision,
@@ -36,7 +38,7 @@ from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.live import masks_actions
-from curricle.tasks.mdp import Task, generative_model, same_task
+from curricle.tasks.mdp import NO_LIMIT, Task, generative_model, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.aggregate import Aggregate, mean
@@ -48,7 +50,7 @@ from curricle.transfer.transfer import Transfer
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
     "unknown_value": 0.0,
-    "learner": QLearning(),
+    "learner": None,
     "budget": None,
     "shaping": None,
     "eval_freq": None,
@@ -62,6 +64,9 @@ SOURCES_SHARE = 0.1
 """Share of the target's steps for all sources without a stated budget. Fitted on the development
 families of benchmarks/pairs: a larger share gains more on average, but losses of more than a tenth
 are more frequent."""
+STEPS_A_PAIR, FEWEST_STEPS = 10, 500
+"""Most steps of a source that an optimistic learner learns: for each of its pairs, and in a small
+one. Twice as many gain no more on the development families."""
 PULL = 0.1
 """Weight of the pull that keeps an actor-critic near a network distilled from miniatures. The
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
@@ -196,19 +201,21 @@ class Node:
         names = ("level", "floor", "steps_used", "evaluation_steps", "ended_by")
         recorded = [getattr(result, name).tolist() for name in names]
         of_seeds, judge = list[list[Decision]](), self.budget.decisions
-        for greedy, level, floor, used, spent, ending in zip(
-            result.greedy_return, *recorded, strict=True
+        for greedy, agreement, level, floor, used, spent, ending in zip(
+            result.greedy_return, result.agreement, *recorded, strict=True
         ):
-            *rest, last = judge(result.steps, greedy, level=level, floor=floor, used=used)
+            known = {"agreement": agreement, "level": level, "floor": floor, "used": used}
+            *rest, last = judge(result.steps, greedy, **known)
             of_seeds.append([*rest, replace(last, evaluation_steps=spent, ended_by=ending)])
         return Decisions(of_seeds, result.seeds)
 
 
-def capped(budget: Budget) -> Budget:
+def capped(budget: Budget, learner: object) -> Budget:
     """Return the budget of a source: steps become the cap of a rule, other budgets stay."""
     if isinstance(budget, Episodes | StoppingRule):
         return budget
-    return StoppingRule(limits(budget)[0], settled=SETTLED)
+    agreed = AGREED if isinstance(learner, OptimisticQLearning) else None
+    return StoppingRule(limits(budget)[0], settled=SETTLED, agreed=agreed)
 
 
 # -- the graph of nodes ----------------------------------------------------------------------------
@@ -231,11 +238,14 @@ class Curriculum:
     unknown_value : float or dict
         The potential of pairs that all transfers leave unmapped; default 0.
     learner : Learner or dict
-        Default ``QLearning()``.
+        Default ``QLearning()``; for a task without sources on which others build
+        ``OptimisticQLearning()``, where it has dense tables, and a discount below 1 or a time limit.
     budget : int, Episodes, StoppingRule or dict
         Steps, episodes, or a rule; default 100,000 steps. Training of a source ends when its return
-        has converged: its number of steps is a cap. All sources without a budget together take at
-        most a tenth of the target's steps. ``StoppingRule(5_000)`` is exactly 5,000 steps.
+        has converged, or its optimistic values agree with the learnt ones: its number of steps is a
+        cap. All sources without a budget together take at most a tenth of the target's steps, and
+        an optimistic learner 10 steps for each state-action pair, or 500 steps if that is more.
+        ``StoppingRule(5_000)`` is exactly 5,000 steps.
     shaping : Shaping or dict
         How the potentials of sources enter learning. Default :class:`QInitialisation`, with a
         :class:`Portfolio` where the learner has dense tables of up to 10 million pairs.
@@ -273,7 +283,7 @@ class Curriculum:
     transfers: Sequence[Transfer] = ()
     aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
     unknown_value: float | Mapping[str, float | None] | None = None
-    learner: Learner | Mapping[str, Learner] = SETTINGS["learner"]
+    learner: Learner | Mapping[str, Learner | None] | None = SETTINGS["learner"]
     budget: Budget | Mapping[str, Budget | None] | None = SETTINGS["budget"]
     shaping: Shaping | Mapping[str, Shaping | None] | None = SETTINGS["shaping"]
     eval_freq: int | Mapping[str, int | None] | None = SETTINGS["eval_freq"]
@@ -412,12 +422,10 @@ class Curriculum:
         value = self._stated(which, name)
         if which == "budget":
             return self._budget(name, value)
-        if which == "learner" and value == SETTINGS["learner"]:  # miniatures: their target's
-            targets = [edge.target for edge in self.transfers if edge.source == name]
-            distilled = targets and isinstance(self.tasks[name], Miniatures)
-            return self.setting("learner", targets[0]) if distilled else value
         if value is not None:
             return value
+        if which == "learner":
+            return self._default_learner(name)
         if which == "shaping":
             return self._default_shaping(name)
         return SETTINGS[which] if which == "unknown_value" else None
@@ -444,6 +452,23 @@ class Curriculum:
 
         in_tables = [edge.source for edge in edges if not self.node(edge.source).deep]
         check_learner(node.learner, node.shaping if edges else None, in_tables)
+
+    def _default_learner(self, name: str) -> Any:
+        """Return the default learner of a task: OptimisticQLearning for a first one, if possible.
+
+        Miniatures have that of their target.
+        """
+        task = self.tasks[name]
+        targets = [edge.target for edge in self.transfers if edge.source == name]
+        if targets and isinstance(task, Miniatures):
+            return self.setting("learner", targets[0])
+        if targets and not self.in_edges(name) and has_tables(task):
+            model, storage = generative_model(task), self.setting("storage", name)
+            bounded = model.discount < 1 or model.time_limit is not None
+            few = model.states.size * model.actions.size <= MOST_SHARED
+            if bounded and few and storage.kind != "sparse":
+                return OptimisticQLearning()
+        return QLearning()
 
     def _default_shaping(self, name: str) -> Shaping:
         """Return the default shaping of a task: QInitialisation, in a portfolio if possible."""
@@ -475,8 +500,14 @@ class Curriculum:
         """Return the budget of a task; a rule ends a source when its return has converged."""
         if name in self.last_tasks:
             return DEFAULT_STEPS if stated is None else stated
+        learner = self.setting("learner", name)
         if stated is not None:
-            return capped(stated)
+            return capped(stated, learner)
+        most = math.inf
+        if isinstance(learner, OptimisticQLearning):
+            model = generative_model(self.tasks[name])
+            live = model.states.size if model.terminal is None else int((~model.terminal).sum())
+            most = max(FEWEST_STEPS, STEPS_A_PAIR * live * model.actions.size)
         budgets = self.budget if isinstance(self.budget, Mapping) else {}
         shares = []
         for target in self.last_tasks:
@@ -485,7 +516,7 @@ class Curriculum:
                 stepping = [s for s in sources if not isinstance(self.tasks[s], Miniatures)]
                 unstated = max(1, sum(budgets.get(source) is None for source in stepping))
                 steps = int(SOURCES_SHARE * self.node(target).most_steps)
-                shares.append(capped(max(1, steps // unstated)))
+                shares.append(capped(max(1, min(steps // unstated, most)), learner))
         return max(shares, key=limits)
 
     def node(self, name: str) -> Node:

@@ -335,7 +335,7 @@ class Recorder(BaseCallback):
         """Record a checkpoint and return whether the stopping rule ends the run there."""
         step = self.checkpoint * self.run.eval_freq
         ended = len(self.returns), float(np.sum(self.returns))
-        reached = Checkpoint(self.checkpoint, step, self.episodes, *ended, greedy, np.nan)
+        reached = Checkpoint(self.checkpoint, step, self.episodes, *ended, greedy, np.nan, np.nan)
         self.returns.clear()
         self.checkpoint += 1
         self.run.reached()

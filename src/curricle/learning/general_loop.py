@@ -159,7 +159,8 @@ def learn_all(model, rule, tables, course):
     while True:
         if step == checkpoint * course.eval_freq:
             value = greedy_return(course.evaluation, model, acting)
-            reached = Checkpoint(checkpoint, step, episodes, ended, ended_return, value, np.nan)
+            curves = ended, ended_return, value, np.nan, np.nan
+            reached = Checkpoint(checkpoint, step, episodes, *curves)
             if called(course.noting, (record, course.stopping, reached, q[FIRST], q[last])) > 0.0:
                 return step, episodes
             checkpoint += 1

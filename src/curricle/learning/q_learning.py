@@ -55,6 +55,7 @@ class Beside(NamedTuple):
     """
 
     highest: float  # cuts the values that the optimistic values bootstrap from
+    spread: float  # of the values that are possible
     visits: Visits
 
 
@@ -179,14 +180,20 @@ def learn_fast(model, rule, tables, beside, members, course):
     if members is not None:
         changes = MembersChange(none, none, none, nothing, nothing, nothing, True)
     pending = NO_ROW
-    share, acting, begun, earned, factor = np.nan, SOURCE, step, 0.0, 1.0
+    share = agreement = np.nan
+    acting, start, begun, earned, factor = SOURCE, state, step, 0.0, 1.0
     while True:
         if step == checkpoint * eval_freq:
             if members is not None:
                 ahead = source_is_ahead(members.tally)
                 share, learnt = np.float64(ahead), members.source if ahead else members.sober
             value = greedy_return(course.evaluation, model, learnt)
-            reached = Checkpoint(checkpoint, step, episodes, ended, ended_return, value, share)
+            if beside is not None:
+                first = row_of(table, start, False)
+                apart = np.float64(best[first]) - np.float64(learnt.row_max[first])
+                agreement = 1.0 - apart / beside.spread
+            curves = ended, ended_return, value, share, agreement
+            reached = Checkpoint(checkpoint, step, episodes, *curves)
             noted = record, course.stopping, reached, learnt.q, learnt.q
             if called(course.noting, noted) > 0.0:
                 return step, episodes
@@ -276,6 +283,6 @@ def learn_fast(model, rule, tables, beside, members, course):
                 if episodes == course.episodes:
                     break
                 state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
-                row = row_of(table, state, False)
+                row, start = row_of(table, state, False), state
                 if is_full(table, row) or has_failed(model):
                     break

@@ -48,6 +48,7 @@ class Record(NamedTuple):
     training_return: FloatArray  # (T,) mean return of the episodes ended since the last checkpoint
     greedy_return: FloatArray  # (T,)
     source_share: FloatArray  # (T,) chance that the source's learner of a portfolio acts a turn
+    agreement: FloatArray  # (T,) of an optimistic learner's two values of an episode's start
     episodes: IntArray  # (T,)
     snapshot_at: IntArray  # (M,) checkpoints whose tables are kept
     snapshots: npt.NDArray[np.float32]  # (M, S, A)
@@ -65,7 +66,7 @@ class Record(NamedTuple):
         unknown_ends: bool = False,
     ) -> Self:
         """Return the record to be filled, with up to so many snapshots of tables of a shape."""
-        returns, greedy, source_share = np.full((3, checkpoints), np.nan)
+        returns, greedy, source_share, agreement = np.full((4, checkpoints), np.nan)
         fitting = min(snapshots, MAX_SNAPSHOT_BYTES // (4 * max(1, shape[0] * shape[1])))
         place = np.linspace(0.0, 1.0, fitting if fitting > 1 else 0) ** 2 * (checkpoints - 1)
         kept = np.unique(place.astype(np.int64))
@@ -74,7 +75,7 @@ class Record(NamedTuple):
         episodes = np.zeros(checkpoints, np.int64)
         stopped = np.zeros(1, np.bool_)
         kinds = kept, tables, ends, stopped, HALTED.get()
-        return cls(returns, greedy, source_share, episodes, *kinds)
+        return cls(returns, greedy, source_share, agreement, episodes, *kinds)
 
 
 class Checkpoint(NamedTuple):
@@ -87,6 +88,7 @@ class Checkpoint(NamedTuple):
     ended_return: float  # their returns
     greedy_return: float
     source_share: float
+    agreement: float
 
 
 def note(record, stopping, reached, q, other):
@@ -100,6 +102,7 @@ def note(record, stopping, reached, q, other):
     )
     record.greedy_return[number] = reached.greedy_return
     record.source_share[number] = reached.source_share
+    record.agreement[number] = reached.agreement
     record.episodes[number] = reached.episodes
     for i in range(record.snapshot_at.shape[0]):
         if record.snapshot_at[i] == number:
@@ -108,7 +111,8 @@ def note(record, stopping, reached, q, other):
                 for action in range(q.shape[1]):
                     mean = 0.5 * (q[apart * state, action] + other[apart * state, action])
                     record.snapshots[i, state, action] = mean
-    record.stopped[0] = stops(stopping, record.greedy_return, number, reached.step)
+    curves = record.greedy_return, record.agreement
+    record.stopped[0] = stops(stopping, *curves, number, reached.step)
     return 1.0 if record.stopped[0] else 0.0
 
 

@@ -78,6 +78,9 @@ class LearningResult(Frozen):
     source_share : (K, T) float64
         Probability with which the source's learner of a :class:`Portfolio` acts the next turn, by
         the returns so far; 0.5 before there are any, NaN without a portfolio.
+    agreement : (K, T) float64
+        1 less by how much the optimistic value of the present episode's start exceeds the learnt
+        one, as a share of the range of values; NaN but for :class:`OptimisticQLearning`.
     greedy_return : (K, T) float64
         Expected return of the greedy policy (:class:`GreedyEvaluation`). Checkpoints after a seed's
         end repeat its last value.
@@ -133,6 +136,9 @@ class LearningResult(Frozen):
     floor: Annotated[FloatArray, ResultField("K", "float64")]
     out_of_memory: Annotated[BoolArray, ResultField("K", "bool")]
     source_share: Annotated[FloatArray, ResultField("KT", "float64", "share of turns", held=True)]
+    agreement: Annotated[
+        FloatArray, ResultField("KT", "float64", "share of the range of values", held=True)
+    ]
     own_rewards: Annotated[BoolArray, ResultField("K", "bool")]
     snapshots: Snapshots | None = None
 
@@ -176,8 +182,8 @@ class LearningResult(Frozen):
     def frame(self) -> "pandas.DataFrame":
         """Return the curves as a pandas DataFrame, a row for each seed and checkpoint.
 
-        Its columns are seed, checkpoint, steps, training_return, greedy_return, source_share and
-        episodes, each seed up to its own end; ``frame().attrs["units"]`` has their units.
+        Its columns are seed, checkpoint, steps, training_return, greedy_return, source_share,
+        agreement and episodes, each seed up to its own end; ``frame().attrs["units"]`` has their units.
         ImportError where pandas is not installed.
 
         Examples
@@ -338,7 +344,8 @@ def ended_by(
         return ALL_EPISODES
     if not isinstance(budget, StoppingRule):
         return ALL_STEPS
-    last = budget.decision(kernel, record.greedy_return, checkpoint, checkpoint * eval_freq)
+    curves = record.greedy_return, record.agreement
+    last = budget.decision(kernel, *curves, checkpoint, checkpoint * eval_freq)
     if record.stopped[0]:
         return last.criterion
     return UNLEARNT if last.unlearnt else ALL_STEPS

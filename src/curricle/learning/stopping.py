@@ -45,6 +45,10 @@ class StoppingRule:
         and lies past half of the way from random to the optimum: a return may settle with nothing
         learnt. In a task that cannot be solved it must exceed the random policy's return by more
         than the noise of ten free evaluations. Each part needs 8 evaluations. Sources end by it.
+    agreed : float, optional
+        Learning by :class:`OptimisticQLearning` ends when the optimistic value of the episode's
+        start exceeds the learnt one by at most 1 less this share of the range of values, at each of
+        the last `patience` evaluations, and the return lies as high as `settled` asks for.
 
     Raises
     ------
@@ -70,6 +74,7 @@ class StoppingRule:
     fraction: float | None = None
     patience: int = 5
     settled: float | None = None
+    agreed: float | None = None
 
     def __post_init__(self) -> None:
         for name, low in (("max_steps", 1), ("min_steps", 0), ("patience", 1)):
@@ -97,6 +102,8 @@ class StoppingRule:
             ends.append(f"{self.fraction} of the way to the optimum {over}")
         if self.settled is not None:
             ends.append("the return has settled")
+        if self.agreed is not None:
+            ends.append(f"an agreement of optimistic and learnt values of {self.agreed} {over}")
         until = f", until {' or '.join(ends)}" if ends else ""
         least = f"{self.min_steps:,} to " if self.min_steps else ""
         return f"{least}{counted(self.max_steps, 'step')}{until}"
@@ -104,16 +111,16 @@ class StoppingRule:
     def kernel(self, level: float | None = None, floor: float = -math.inf) -> "StoppingKernel":
         """Return the rule for compiled loops; a task gives `level` and `floor`."""
         level = self.threshold if self.fraction is None else level
-        level, settled = (
-            math.nan if bound is None else float(bound) for bound in (level, self.settled)
-        )
-        return StoppingKernel(self.min_steps, self.patience, level, settled, floor)
+        bounds = (level, self.settled, self.agreed)
+        level, settled, agreed = (math.nan if bound is None else float(bound) for bound in bounds)
+        return StoppingKernel(self.min_steps, self.patience, level, settled, agreed, floor)
 
     def decisions(
         self,
         steps: npt.ArrayLike,
         greedy_return: npt.ArrayLike,
         *,
+        agreement: npt.ArrayLike | None = None,
         level: float | None = None,
         floor: float = -math.inf,
         used: int | None = None,
@@ -125,6 +132,8 @@ class StoppingRule:
         steps : (T,) int64
         greedy_return : (T,) float64
             The seed's row of ``LearningResult.greedy_return``.
+        agreement : (T,) float64, optional
+            That of ``LearningResult.agreement``.
         level : float, optional
             The return that a fraction stands for.
         floor : float
@@ -135,27 +144,34 @@ class StoppingRule:
         if self.fraction is not None and level is None:
             raise SettingError("a rule with a fraction needs the return that it stands for: level=")
         kernel, greedy = self.kernel(level, floor), np.asarray(greedy_return, dtype=np.float64)
+        agreed = np.full(len(greedy), np.nan) if agreement is None else np.asarray(agreement)
         decisions = list[Decision]()
         for checkpoint, step in enumerate(np.asarray(steps).tolist()):
             if used is not None and step > used:
                 break
-            decisions.append(self.decision(kernel, greedy, checkpoint, step))
+            decisions.append(self.decision(kernel, greedy, agreed, checkpoint, step))
             if decisions[-1].ends or step >= self.max_steps:
                 break
         return decisions
 
     def decision(
-        self, kernel: "StoppingKernel", greedy: FloatArray, checkpoint: int, step: int
+        self,
+        kernel: "StoppingKernel",
+        greedy: FloatArray,
+        agreement: FloatArray,
+        checkpoint: int,
+        step: int,
     ) -> "Decision":
         """Return the decision at one checkpoint of a seed, `step` steps after its start."""
         return Decision(
             self,
             kernel,
             step,
-            bool(stops(kernel, greedy, checkpoint, step)),
+            bool(stops(kernel, greedy, agreement, checkpoint, step)),
             lowest=float(lowest_of_last(kernel, greedy, checkpoint)),
             share=float(share_of_rise(greedy, checkpoint)),
             recent=float(recent_return(greedy, checkpoint)),
+            agreement=float(lowest_of_last(kernel, agreement, checkpoint)),
         )
 
 
@@ -163,6 +179,7 @@ _BOUNDS: dict[str, tuple[float, ...]] = {
     "threshold": (),
     "fraction": (0.0, 1.0),
     "settled": (0.0, 1.0),
+    "agreed": (0.0, 1.0),
 }
 
 UNLEARNT = "all steps used, not learnt"
@@ -172,6 +189,8 @@ UNLEARNT = "all steps used, not learnt"
 SETTLED, RECENT, MIN_EVALUATIONS = 0.05, 0.7, 8
 """Share of its range by which a source's return may still rise; where the last part of a run
 begins, as a share of its steps; evaluations in each of the two parts that are compared."""
+AGREED = 0.9
+"""Agreement at which a source ends by default, fitted there too."""
 
 
 ALL_STEPS, ALL_EPISODES = "all steps used", "all episodes done"
@@ -185,24 +204,25 @@ class StoppingKernel(NamedTuple):
     patience: int
     level: float
     settled: float
+    agreed: float
     floor: float  # the return above which it may have settled
 
 
-NEVER_STOPS = StoppingKernel(0, 1, math.nan, math.nan, -math.inf)
+NEVER_STOPS = StoppingKernel(0, 1, *[math.nan] * 3, -math.inf)
 
 plain_and_inlined: Any = register_jitable(**INLINED)
 """Of a function for compiled loops that is called from Python too."""
 
 
 @plain_and_inlined
-def lowest_of_last(rule, greedy, checkpoint):
-    """Return the lowest of the last evaluations; NaN if there are too few."""
+def lowest_of_last(rule, curve, checkpoint):
+    """Return the lowest of a curve at the last evaluations; NaN if there are too few."""
     if checkpoint + 1 < rule.patience:
         return np.nan
     lowest = np.inf
     for i in range(checkpoint + 1 - rule.patience, checkpoint + 1):
-        if not (greedy[i] >= lowest or np.isnan(lowest)):  # one NaN makes the result NaN
-            lowest = greedy[i]
+        if not (curve[i] >= lowest or np.isnan(lowest)):  # one NaN makes the result NaN
+            lowest = curve[i]
     return lowest
 
 
@@ -262,15 +282,16 @@ def recent_return(greedy: FloatArray, checkpoint: int) -> float:
 
 
 @plain_and_inlined
-def stops(rule, greedy, checkpoint, step):
-    """Return whether a rule ends a run at a checkpoint, given the greedy returns, (T,)."""
+def stops(rule, greedy, agreement, checkpoint, step):
+    """Return whether a rule ends a run at a checkpoint, given two curves, (T,) each."""
     if step == 0 or step < rule.min_steps:
         return False
     if lowest_of_last(rule, greedy, checkpoint) >= rule.level:  # false where a side is NaN
         return True
-    if not share_of_rise(greedy, checkpoint) < rule.settled:
+    settled = share_of_rise(greedy, checkpoint) < rule.settled
+    if not (settled or lowest_of_last(rule, agreement, checkpoint) >= rule.agreed):
         return False
-    return recent_return(greedy, checkpoint) > rule.floor
+    return not recent_return(greedy, checkpoint) <= rule.floor  # true where nothing is evaluated
 
 
 @dataclass(frozen=True)
@@ -284,6 +305,7 @@ class Decision:
     lowest: float  # of the last evaluations, a return; NaN if there were too few
     share: float  # the rise over the last three tenths of the steps, of the range; NaN if unknown
     recent: float  # the mean of the evaluations in these steps
+    agreement: float  # the lowest at the last evaluations
     evaluation_steps: int = 0  # of all of a run's decisions, in its last one
     ended_by: str = ""  # what ended the run, as its result recorded it; "" before its last decision
 
@@ -307,6 +329,7 @@ class Decision:
             met = {
                 level: self.lowest >= self.kernel.level,
                 "settled return": self.share < self.kernel.settled and not self.unlearnt,
+                "agreement": self.agreement >= self.kernel.agreed and not self.unlearnt,
             }
             return f"{' and '.join(name for name, holds in met.items() if holds)} reached"
         if self.step < self.rule.max_steps:
@@ -322,6 +345,7 @@ class Decision:
         for bound, value, name, form, of, unknown in (
             (kernel.level, self.lowest, "greedy", ".4g", over, f"{few} for a value over {n}"),
             (kernel.settled, self.share, "rise", ".2g", "of its range", settled),
+            (kernel.agreed, self.agreement, "agreement", ".2g", over, f"{few} for an agreement"),
         ):
             if not math.isnan(bound):
                 sign = "<" if value < bound else ">="
@@ -349,7 +373,7 @@ def stopping_kernel(
     if not isinstance(budget, StoppingRule):
         return NEVER_STOPS, 0
     evaluated = evaluation.method != "off" and evaluation.horizon(task) < NO_LIMIT
-    settles = budget.settled is not None and evaluated
+    settles = (budget.settled, budget.agreed) != (None, None) and evaluated
     if budget.fraction is None and not settles:
         return budget.kernel(), 0
     solved = target(task, evaluation, episodes=BATCHES * evaluation.rollouts(task))

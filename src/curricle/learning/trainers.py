@@ -155,7 +155,7 @@ class Run:
         if n_tables := self.learner.counts:
             rows = self.rows + 1 if self.rows else n_tables * n_states
             visits = np.zeros((rows, n_actions), np.int64)
-        noted = seed.record, self.stopping, Checkpoint(0, 0, 0, 0, 0.0, 0.0, 0.0)  # for the types
+        noted = seed.record, self.stopping, Checkpoint(0, 0, 0, 0, *[0.0] * 4)  # for the types
         with open_model(self.task, seed.start, q) as model:
             course = Course(
                 discount,
@@ -259,12 +259,13 @@ def train_dense(run: Run, seed: Seed) -> Outcome:
     if isinstance(run.learner, OptimisticQLearning):
         assert run.learner.value_range is not None
         assert run.learner.initial_value is not None
-        highest = run.learner.value_range[1]
+        lowest, highest = run.learner.value_range
         acts = np.add(q, highest - float(run.learner.initial_value), dtype=q.dtype)
         if run.task.terminal is not None:
             acts[run.task.terminal] = 0.0
         visits = Visits.none(np.zeros(run.shape, np.uint64), run.horizon or 0.0)
-        tables = run.dense(seed, acts), learnt, Beside(highest, visits), None
+        beside = Beside(highest, highest - lowest or 1.0, visits)
+        tables = run.dense(seed, acts), learnt, beside, None
     totals = run.loop(train_q_learning, seed, tables, learnt, acts[None])
     q[run.only_ends(seed.record, q[None], seed.initial)] = 0.0
     return run.outcome(seed, seed.out, totals)

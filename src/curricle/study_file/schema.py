@@ -552,12 +552,14 @@ class Settings(Table):
     )
     unknown_value: Number | None = None
     """The potential of pairs that all mappings leave unmapped; 0 by default."""
-    learner: AnyLearner = LEARNERS[0]()
-    """The learning algorithm."""
+    learner: AnyLearner = None
+    """The learning algorithm; QLearning by default, OptimisticQLearning for a source without sources
+    if it has tables."""
     budget: AnyBudget = None
     """Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }. By default
-    100_000 for the target. A source ends when its return has settled, or after its steps: by
-    default a tenth of the target's, which all such sources share."""
+    100_000 for the target. A source ends when its return has settled, when its optimistic values
+    agree with the learnt ones, or after its steps: by default a tenth of the target's, which all
+    such sources share, and 10 for each pair that an optimistic learner learns."""
     shaping: AnyShaping = None
     """How a potential, or a network, enters learning: its name, or { type = "QInitialisation",
     portfolio = true }, which is the default where it is possible."""
