@@ -249,11 +249,16 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
     if optimist or isinstance(learner, cr.QLearning):
         ties = Ties(len(mdp.start), splitmix64(start))
     eval_freq = eval_freq or max(1, steps // 100)
-    curves = NaiveCurves()
+    curves, agreement = NaiveCurves(), []
     fresh, step = True, 0
     while step < steps and curves.all_episodes < episodes:
         if fresh:
             state, length, total = pick(mdp.start.tolist(), uniform(next(draw))), 0, 0.0
+            first = state
+        if optimist and step % eval_freq == 0:
+            low, high = learner.value_range
+            apart = max(naive.hoped[first]) - max(naive.tables[0][first])
+            agreement.append(1.0 - apart / (high - low))
         shown = naive.acting(state, step)
         if fresh or not isinstance(learner, cr.SARSA):
             naive.choice = pick_action(
@@ -281,7 +286,8 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
             curves.returns.append(total)
         if step % eval_freq == 0:
             curves.note()
-    return curves.result(values=naive.values(step), steps_used=step)
+    measured = {"agreement": np.array(agreement), "steps_used": step}
+    return curves.result(values=naive.values(step), **measured)
 
 
 def naive_horizon(mdp):

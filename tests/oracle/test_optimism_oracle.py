@@ -20,6 +20,8 @@ def test_values(random_mdp, naive_learn, name, seed):
     result = cr.learn(task, learner, 400, seeds=[seed])
     naive = naive_learn(task, learner, 400, seed=seed)
     assert result.values[0] == pytest.approx(naive.values, abs=1e-12, rel=1e-12)
+    # Which episode is the present one after the last step, the naive learner does not say.
+    assert result.agreement[0, :-1] == pytest.approx(naive.agreement, abs=1e-12)
 
 
 def test_a_potential_is_added_to_the_start_of_both_tables(random_mdp, random_shaping, naive_learn):

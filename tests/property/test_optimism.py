@@ -72,3 +72,42 @@ def test_values_contain_no_optimism(mdp):
     slack = 1e-9 * max(1.0, abs(low), abs(high))
     assert (learnt <= high + slack).all()
     assert (learnt >= low - slack).all()
+
+
+@FEW
+@given(mdp=mdps((0.3, 0.75)), cap=st.integers(1, 600), patience=st.integers(1, 5))
+def test_a_source_ends_at_the_first_agreement_of_a_learnt_return_or_by_its_cap(mdp, cap, patience):
+    task = mdp.task(time_limit=20)
+    rule, eval_freq = cr.StoppingRule(cap, agreed=0.9, patience=patience), max(1, cap // 50)
+    whole = cr.learn(task, OptimisticQLearning(), cap, eval_freq=eval_freq)
+    ended = cr.learn(task, OptimisticQLearning(), rule, eval_freq=eval_freq)
+    n, agreement, greedy = len(ended.steps), whole.agreement[0], whole.greedy_return[0]
+    np.testing.assert_array_equal(ended.agreement[0], agreement[:n])
+    assert (agreement <= 1 + 1e-9).all()
+    met = [
+        k + 1 >= patience
+        and min(agreement[k + 1 - patience : k + 1]) >= 0.9
+        and greedy[int(0.7 * k) + 1 : k + 1].mean() > ended.floor[0]
+        for k in range(1, n)
+    ]
+    assert not any(met[:-1])
+    if met and met[-1]:
+        assert ended.ended_by[0] == "agreement reached"
+        assert ended.steps_used[0] == ended.steps[-1]
+    else:
+        assert ended.steps_used[0] == cap
+    decisions = rule.decisions(
+        ended.steps, ended.greedy_return[0], agreement=ended.agreement[0], floor=ended.floor[0]
+    )
+    assert [decision.ends for decision in decisions] == [False, *met]
+
+
+@FEW
+@given(mdp=mdps((0.3, 0.75), loose=True))
+def test_the_two_values_agree_in_the_end(mdp):
+    """What the optimistic values lead to is tried until they are true (Even-Dar, Mansour 2001)."""
+    if np.diff(value_bounds(mdp.task()))[0] < 1e-9:
+        return
+    learnt = cr.learn(mdp.task(), OptimisticQLearning(), 20_000, eval_freq=20_000)
+    assert learnt.agreement[0, -1] > 0.9
+    assert np.isnan(cr.learn(mdp.task(), cr.QLearning(), 100).agreement).all()

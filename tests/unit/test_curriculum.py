@@ -7,6 +7,7 @@ import pytest
 
 import curricle as cr
 from curricle.errors import CurriculumError
+from curricle.learning import OptimisticQLearning
 
 MAZE = cr.GridWorld(["S...", "....", "...T"])
 TASKS = {
@@ -138,7 +139,7 @@ def test_each_task_may_have_its_own_settings():
         eval_freq={"near": 10, "left": 25, "far": 50_000},
         evaluation={"left": cr.GreedyEvaluation(discounted=False)},
     ).train()
-    assert result["near"].learner == cr.QLearning()
+    assert result["near"].learner == OptimisticQLearning()  # the default of a first source
     assert result["left"].learner == cr.SARSA(learning_rate=0.5)
     assert result["near"].episodes_used.tolist() == [3]
     assert result["left"].steps.tolist() == [0, 25, 50]

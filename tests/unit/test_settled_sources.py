@@ -1,4 +1,6 @@
-"""Sources whose budget is not stated end when they have learnt; a stated number is exact."""
+"""Sources whose budget is not stated end when they have learnt; a stated number is a cap."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,7 +8,14 @@ import pytest
 import curricle as cr
 from curricle.comparison.sentences import unlearnt
 from curricle.errors import ConfigError
-from curricle.learning.stopping import SETTLED, UNLEARNT, share_of_rise, stopping_kernel
+from curricle.learning import OptimisticQLearning
+from curricle.learning.stopping import (
+    AGREED,
+    SETTLED,
+    UNLEARNT,
+    share_of_rise,
+    stopping_kernel,
+)
 from curricle.planning.greedy import VisitedValues
 from curricle.planning.policy_evaluation import greedy_policy_return
 from curricle.planning.target import Target
@@ -20,8 +29,11 @@ TASKS = {"corner": CORNER, "maze": MAZE}
 EVALUATION = cr.GreedyEvaluation(method="rollouts", episodes=1_000)
 
 
-def plan(**settings):
-    return cr.Curriculum(TASKS, [EDGE], **settings)
+BY_Q_LEARNING = cr.QLearning()
+
+
+def plan(learner=BY_Q_LEARNING, **settings):
+    return cr.Curriculum(TASKS, [EDGE], learner=learner, **settings)
 
 
 def test_the_rise_by_hand_and_what_is_no_evidence_of_one():
@@ -82,7 +94,11 @@ def test_without_a_model_it_has_to_exceed_random_play_by_more_than_its_noise():
 
 def test_the_verdict_names_sources_that_did_not_learn(read, tmp_path):
     short = "tasks.corner.budget={ max_steps = 4, settled = 0.05 }"
-    study = read(STUDY, set=["seeds=2", "tasks.maze.budget=500", "tasks.maze.eval_freq=5", short])
+    by_q_learning = "tasks.corner.learner={ type = 'QLearning' }"
+    study = read(
+        STUDY,
+        set=["seeds=2", "tasks.maze.budget=500", "tasks.maze.eval_freq=5", short, by_q_learning],
+    )
     comparison = cr.run_study(study, tmp_path / "out", progress=False).comparison
     again = cr.compare({"transfer": study.curriculum("transfer")}, seeds=2)
     for compared in (comparison, again):
@@ -96,7 +112,7 @@ def test_the_verdict_names_sources_that_did_not_learn(read, tmp_path):
     # A source that a threshold ended has learnt, after a step, with a return too low by itself.
     ended = "{ max_steps = 4_000, threshold = -1e5, patience = 1, settled = 0.05 }"
     early = [f"tasks.corner.budget={ended}", "tasks.corner.eval_freq=1", "tasks.maze.budget=5_000"]
-    study = read(STUDY, set=["seeds=2", *early])
+    study = read(STUDY, set=["seeds=2", by_q_learning, *early])
     stored = cr.run_study(study, tmp_path / "early", progress=False).comparison
     again = cr.compare({"transfer": study.curriculum("transfer")}, seeds=2)
     learnt = cr.compare(plan(budget={"maze": 20_000}), seeds=2)
@@ -114,6 +130,69 @@ def test_nothing_set_a_source_ends_when_it_has_learnt():
     assert {rows[-1].criterion for rows in result.decisions("corner")} == {"settled return reached"}
 
 
+OPTIMISTIC = cr.StoppingRule(500, settled=SETTLED, agreed=AGREED)
+
+
+def test_nothing_set_a_source_is_learnt_by_an_optimistic_learner_in_few_steps():
+    curriculum = plan(learner=None)
+    assert curriculum.node("corner").learner == OptimisticQLearning()
+    assert curriculum.node("corner").budget == OPTIMISTIC  # more than 10 for each of 20 pairs
+    assert curriculum.node("maze").learner == cr.QLearning()
+    result = curriculum.train(seeds=3, only="corner")
+    assert (result["corner"].steps_used < 300).all()
+    assert {rows[-1].criterion for rows in result.decisions("corner")} == {"agreement reached"}
+    assert not result.unlearnt("maze")["corner"].any()
+    assert plan(learner=None, budget={"maze": 900}).node("corner").budget.max_steps == 90
+    stated = plan(learner=None, budget={"corner": 20_000})
+    assert stated.node("corner").budget == replace(OPTIMISTIC, max_steps=20_000)
+    large = cr.GridWorld(["." * 9] * 8 + ["S" + "." * 7 + "T"])
+    whole = cr.Transfer("large", "maze", cr.same_position(MAZE, large))
+    ten = cr.Curriculum({"large": large, "maze": MAZE}, [whole]).node("large").budget
+    assert ten == replace(OPTIMISTIC, max_steps=10 * 4 * 80)
+
+
+def test_a_learner_that_is_stated_or_is_all_that_a_task_allows_is_kept():
+    for learner in (cr.QLearning(), {"corner": cr.QLearning()}):
+        assert plan(learner=learner).node("corner").learner == cr.QLearning()
+        assert plan(learner=learner).node("corner").budget == rule(10_000)
+    of_target = plan(learner={"maze": cr.SARSA()})
+    assert of_target.node("corner").learner == OptimisticQLearning()
+    larger = cr.GridWorld([".....", "....T", ".PPP.", "S...."])
+    edges = [EDGE, cr.Transfer("maze", "larger", cr.same_position(larger, MAZE))]
+    chain = cr.Curriculum({**TASKS, "larger": larger}, edges)  # the maze has a portfolio
+    assert chain.node("maze").learner == cr.QLearning()
+    assert chain.node("maze").budget == rule(5_000)
+    walk = ring(9)  # has no tables; the other neither a discount below 1 nor a time limit
+    for task in (walk, ENDS_BY_CHANCE):
+        edge = cr.Transfer("one", "other", cr.transfer.identity(task))
+        assert cr.Curriculum({"one": task, "other": task}, [edge]).node("one").learner == (
+            cr.QLearning()
+        )
+    sparse = plan(learner=None, storage={"corner": cr.Storage(kind="sparse")})
+    assert sparse.node("corner").learner == cr.QLearning()
+
+
+def test_an_agreement_ends_a_run_and_is_said():
+    steps, greedy = np.arange(11) * 10, np.array([0.0] + [8.0] * 10)
+    agreement = np.array([0.0, 0.2, 0.95, 0.5, *[0.92] * 7])
+    agreeing = cr.StoppingRule(100, agreed=0.9, patience=3)
+    assert str(agreeing) == (
+        "100 steps, until an agreement of optimistic and learnt values of 0.9 over 3 evaluations"
+    )
+    last = agreeing.decisions(steps, greedy, agreement=agreement, floor=6.0)[-1]
+    assert str(last) == (
+        "ends; agreement 0.92 >= 0.9 over 3 evaluations; 60 of at most 100 steps used"
+    )
+    assert last.criterion == "agreement reached"
+    low = agreeing.decisions(steps, greedy, agreement=agreement, floor=9.0)[-1]
+    assert (low.step, low.criterion) == (100, UNLEARNT)
+    unknown = agreeing.decisions(steps, greedy)[-1]  # of another learner
+    assert (unknown.step, unknown.criterion) == (100, "all steps used")
+    assert "too few evaluations for an agreement" in str(unknown)
+    either = cr.StoppingRule(100, agreed=0.9, threshold=8.0, patience=3)
+    assert either.decisions(steps, greedy, agreement=agreement)[-1].criterion == "threshold reached"
+
+
 def rule(most):
     return cr.StoppingRule(most, settled=SETTLED)
 
@@ -121,11 +200,12 @@ def rule(most):
 def test_sources_without_a_budget_share_a_tenth_of_the_targets():
     larger = cr.GridWorld([".....", "....T", ".PPP.", "S...."])
     edges = [EDGE, cr.Transfer("maze", "larger", cr.same_position(larger, MAZE))]
+    by_q = {"learner": cr.QLearning()}
     for budget in (4_000, cr.StoppingRule(4_000, threshold=1.0), cr.Episodes(20)):
         steps = 20 * larger.time_limit if isinstance(budget, cr.Episodes) else 4_000
-        both = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"larger": budget})
+        both = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"larger": budget}, **by_q)
         assert both.setting("budget", "corner") == rule(steps // 20)
-    chain = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"corner": None})
+    chain = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"corner": None}, **by_q)
     budgets = [chain.setting("budget", name) for name in ("corner", "maze", "larger")]
     assert budgets == [rule(5_000), rule(5_000), 100_000]  # a target has none unless it is a source
     for budget in (cr.Episodes(20), cr.StoppingRule(900, threshold=150.0)):
@@ -133,13 +213,15 @@ def test_sources_without_a_budget_share_a_tenth_of_the_targets():
     off = {"corner": cr.GreedyEvaluation(method="off")}  # what is not evaluated takes its cap
     result = plan(budget=rule(3_000), evaluation=off).train(seeds=1, only="corner")
     assert result["corner"].steps_used.tolist() == [3_000]
-    wide = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"larger": 4_000, "maze": 900})
+    stated = {"larger": 4_000, "maze": 900}
+    wide = cr.Curriculum({**TASKS, "larger": larger}, edges, budget=stated, **by_q)
     assert wide.setting("budget", "corner") == rule(400)
     # Of two targets the larger counts, and longer training of the target changes no source.
     two = cr.Curriculum(
         {**TASKS, "other": MAZE},
         [EDGE, cr.Transfer("corner", "other", EDGE.mapping)],
         budget={"maze": 5_000, "other": 9_000},
+        **by_q,
     )
     assert two.setting("budget", "corner") == rule(900)
     longer = plan(budget={"maze": 4_000}).replace("maze", budget=9_000)
@@ -173,8 +255,12 @@ def test_a_study_file_has_the_rule_and_the_defaults_of_a_curriculum(read):
     text, changes = STUDY.replace("[tasks.corner]", stated), ["tasks.corner.budget.max_steps=70"]
     for steps, study in ((4_000, read(text)), (70, read(text, set=changes))):
         assert study.curriculum("transfer").node("corner").budget == rule(steps)
-    arm, by_hand = read(STUDY).curriculum("transfer"), plan()
-    assert [arm.setting("budget", name) for name in ("corner", "maze")] == [rule(10_000), 100_000]
+    arm, by_hand = read(STUDY).curriculum("transfer"), plan(learner=None)
+    for name in ("corner", "maze"):
+        assert arm.setting("budget", name) == by_hand.setting("budget", name)
+        assert arm.setting("learner", name) == by_hand.setting("learner", name)
+    stated = read(STUDY, set=["learner.learning_rate=0.1"]).curriculum("transfer")
+    assert [stated.setting("budget", name) for name in TASKS] == [rule(10_000), 100_000]
     assert arm.node("corner").eval_freq == by_hand.node("corner").eval_freq
     with pytest.raises(ConfigError, match=r"maze\.eval_freq.*must not exceed the budget of 100000"):
         read(STUDY, set=["tasks.maze.eval_freq=100_001"]).curriculum("transfer")
@@ -232,7 +318,8 @@ def test_a_source_whose_last_steps_reach_no_checkpoint_has_not_learnt_either():
     hall = cr.GridWorld(["S" + "." * 60 + "T"], time_limit=100)
     edge = cr.Transfer("far", "target", cr.transfer.identity(hall))
     budget = {"target": 50_070}  # a tenth is no multiple of its hundredth
-    result = cr.Curriculum({"far": hall, "target": hall}, [edge], budget=budget).train()
+    tasks = {"far": hall, "target": hall}
+    result = cr.Curriculum(tasks, [edge], budget=budget, learner=cr.QLearning()).train()
     last = result.decisions("far")[0][-1]
     assert last.step < result["far"].steps_used[0] == last.rule.max_steps
     assert last.criterion == UNLEARNT

@@ -33,8 +33,9 @@ def oracle(rule: cr.StoppingRule, greedy: list[float], checkpoint: int, step: in
 def test_rule_is_what_the_docstring_says(greedy, value, evaluations, least):
     """An unknown return among the last reaches no level."""
     rule = cr.StoppingRule(100, min_steps=least, threshold=value, patience=evaluations)
+    unknown = np.full(len(greedy), np.nan)
     for checkpoint in range(len(greedy)):
-        ends = stops(rule.kernel(), np.array(greedy), checkpoint, 10 * checkpoint)
+        ends = stops(rule.kernel(), np.array(greedy), unknown, checkpoint, 10 * checkpoint)
         assert ends == oracle(rule, greedy, checkpoint, 10 * checkpoint)
 
 

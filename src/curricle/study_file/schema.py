@@ -553,8 +553,8 @@ class Settings(Table):
     unknown_value: Number | None = None
     """The potential of pairs that all mappings leave unmapped; 0 by default."""
     learner: AnyLearner = None
-    """The learning algorithm; QLearning by default, OptimisticQLearning for a source without sources
-    if it has tables."""
+    """The learning algorithm; by default QLearning, for a source with tables and without sources of
+    its own OptimisticQLearning."""
     budget: AnyBudget = None
     """Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }. By default
     100_000 for the target. A source ends when its return has settled, when its optimistic values

@@ -28,6 +28,7 @@ from curricle.study_file.file import (
     path_text,
 )
 from curricle.study_file.schema import (
+    LEARNERS,
     Count,
     Flag,
     KeyPath,
@@ -311,9 +312,12 @@ def all_tuned(
 def _relearnt(plan: Raw, study: Raw) -> dict[str, Any]:
     """Return a complete plan with a study's values of settings that its learners have."""
     tasks, stated = dict(plan["tasks"]), table(study.get("tasks"))
+    sources, with_sources = ({edge[i] for edge in NameGraph.of({**plan}).edges} for i in (0, 1))
     for name, task in tasks.items():
         said = merged(table(study.get("learner")), table(table(stated.get(name)).get("learner")))
         learner = table(task.get("learner"))
+        if not learner and name not in sources - with_sources:  # whose default has its own rate
+            learner = LEARNERS[0]().model_dump(mode="json")
         values = {key: value for key, value in said.items() if key in learner}
         tasks[name] = {**task, "learner": {**learner, **values}} if values else task
     return {**plan, "tasks": tasks}
