@@ -70,6 +70,7 @@ def test_training_the_target_leaves_the_source_as_it_was():
     curriculum = cr.Curriculum(
         tasks={"source": maze, "target": maze},
         transfers=[cr.Transfer("source", "target", cr.transfer.identity(maze))],
+        learner=cr.QLearning(),
         budget=cr.StoppingRule(1000),
     )
     result = curriculum.train(seeds=2)

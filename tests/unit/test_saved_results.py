@@ -205,7 +205,7 @@ def test_a_frame_has_a_row_for_each_checkpoint_up_to_a_seeds_end(learnt):
     frame = learnt.frame()
     assert [*frame.columns] == [
         *("seed", "checkpoint", "steps"),
-        *("training_return", "greedy_return", "source_share", "episodes"),
+        *("training_return", "greedy_return", "source_share", "agreement", "episodes"),
     ]
     assert len(frame) == 2 * len(learnt.steps)
     last = frame.groupby("seed").last()

@@ -26,7 +26,7 @@ TEXT, INT, FLOAT = "VARCHAR", "BIGINT", "DOUBLE"
 CURVES = {
     **{"arm": TEXT, "task": TEXT, "seed": INT, "checkpoint": INT, "steps": INT},
     **{"source_steps": INT, "training_return": FLOAT, "greedy_return": FLOAT},
-    **{"source_share": FLOAT, "episodes": INT},
+    **{"source_share": FLOAT, "agreement": FLOAT, "episodes": INT},
 }
 DECISIONS = {
     **{"arm": TEXT, "task": TEXT, "seed": INT, "steps": INT, "ends": "BOOLEAN", "criterion": TEXT},
@@ -64,7 +64,7 @@ def test_curves_are_those_of_the_results(finished, study):
         assert part.checkpoint.tolist() == list(range(n))
         assert part.steps.tolist() == result.steps[:n].tolist()
         assert part.steps.max() <= result.steps_used[k] < part.steps.max() + result.steps[1]
-        for name in ("training_return", "greedy_return", "source_share", "episodes"):
+        for name in ("training_return", "greedy_return", "source_share", "agreement", "episodes"):
             np.testing.assert_array_equal(part[name], getattr(result, name)[k, :n])
         assert set(part.source_steps) == {study.source_steps(arm, node)[k]}
     # What arms share is there once: the table without such arms is what NumPy reads of the units.

@@ -15,7 +15,7 @@ from tests.support.refusals import check_values
 from tests.support.studies import CORNER, HUNT, NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-CURVES = ("steps", "training_return", "greedy_return", "source_share", "episodes")
+CURVES = ("steps", "training_return", "greedy_return", "source_share", "agreement", "episodes")
 SPENT = ("steps_used", "episodes_used", "out_of_memory")
 
 

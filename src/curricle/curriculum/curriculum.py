@@ -15,7 +15,7 @@ from curricle.deep.learner import DeepLearner, WeightTransfer, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, SettingError
-from curricle.learning.learners import Learner, QLearning
+from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.portfolio import Portfolio
 from curricle.learning.result import LearningResult
 from curricle.learning.run import learn
@@ -275,7 +275,7 @@ class Curriculum:
     ('chase', 'hunt')
     >>> result = curriculum.train(seeds=2)
     >>> result.source_steps("hunt")
-    array([10000,  7500])
+    array([ 600, 1100])
     """
 
     tasks: Mapping[str, Task]
