@@ -330,6 +330,8 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         if node.distilled:
             steps = f"exact answers, {counted(node.most_steps, 'step')} charged"
         yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
+        if node.potential is not None:
+            yield wrapped(f"a potential by hand for {name}", 4)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = f"; {edge.mapping.coverage()}" if edge.mapping.countable else ""
@@ -375,7 +377,7 @@ SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if t
 
 
 def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], whole: bool) -> None:
-    """Print a forecast for each arm with transfers into the target, the first settings of each."""
+    """Print a forecast for each arm with a potential of the target, the first settings of each."""
     first = dict[str, str]()
     for name in study.arms:
         variant = (study.variants or {}).get(name)
@@ -389,7 +391,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
     for name in first.values():
         # Not the curriculum in `arms`, whose target has the total: a trial adds sources' steps.
         curriculum = study.curricula[name]
-        if not curriculum.in_edges(arms.target):
+        if not curriculum.has_potential(arms.target):
             continue
         print(f"\narm {name}")
         most = min(SEEDS, len(study.seeds))

@@ -349,7 +349,7 @@ def trial_curricula(
         raise CurriculumError(f"candidates must be curricula or SourceCandidates: got {stated!r}")
     plans = [candidate for candidate in stated if isinstance(candidate, Curriculum)]
     sources = [candidate for candidate in stated if isinstance(candidate, SourceCandidate)]
-    names = numbered([", ".join(plan.ancestors(plan.target)) for plan in plans])
+    names = numbered([", ".join(plan.ancestors(plan.target)) or "potential" for plan in plans])
     labels = candidates if isinstance(candidates, Mapping) and not sources else names
     curricula = dict(zip(labels, plans, strict=True))
     for plan in plans:

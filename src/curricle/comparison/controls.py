@@ -15,7 +15,8 @@
 
 The values of a ``placebo`` say nothing about the task. An observation task has no numbered states:
 it has no ``random_start``, and a ``placebo`` only of miniatures, which gives each observation the
-answer of another observation. ``negated`` needs no dense tables.
+answer of another observation. ``negated`` needs no dense tables. A potential that is written by hand
+has no source to change: it has ``placebo``, ``constant`` and ``negated`` alone.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -52,9 +53,10 @@ SOURCE = "control source"
 def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
     """Raise CurriculumError unless a curriculum's target can be learnt with these controls."""
     name = curriculum.target
-    if controls and not curriculum.in_edges(name):
+    if controls and not curriculum.has_potential(name):
         raise CurriculumError(
-            f"controls need a transfer into the target: arm {arm!r} has none into {name!r}"
+            f"controls need a potential of the target: arm {arm!r} has neither a transfer into "
+            f"{name!r} nor a potential by hand"
         )
     if is_observation_task(curriculum.tasks[name]):
         _check_observed(controls, arm, curriculum)
@@ -72,7 +74,7 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
 def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
     name, shaping = curriculum.target, curriculum.setting("shaping", curriculum.target)
     sources = [curriculum.tasks[edge.source] for edge in curriculum.in_edges(name)]
-    all_miniatures = all(isinstance(source, Miniatures) for source in sources)
+    all_miniatures = sources and all(isinstance(source, Miniatures) for source in sources)
     for control in controls:
         if control == "placebo" and all_miniatures:
             continue
@@ -153,6 +155,8 @@ def control_arms(
     shaping = curriculum.setting("shaping", target)
     for control, labels in LABELS.items():
         for label in labels if control in controls else ():
+            if label not in CHANGES and not curriculum.in_edges(target):
+                continue
             if is_shuffled(label, curriculum):
                 yield label, shuffled_miniatures(curriculum)
             elif label != ALONE:
@@ -197,7 +201,7 @@ def train_control(
             parts.append(trained[name])
         return joined_results(parts)
     if not potentials:
-        potentials = curriculum.potentials(name, sources)
+        potentials = curriculum.potentials(name, sources, seeds=len(seeds))
     changed = [CHANGES[label](phi, k) for phi, k in zip(potentials, seeds, strict=True)]
     return curriculum.node(name).train(seeds, changed, options)
 

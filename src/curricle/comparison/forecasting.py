@@ -247,7 +247,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Whether the transfers into a target will pay. Prints as sentences and a table of gains.
+    """Whether the potential of a target will pay. Prints as sentences and a table of gains.
 
     Attributes
     ----------
@@ -256,7 +256,8 @@ class Forecast:
         Coverage of each transfer's mapping, over all pairs or over the observations that the first
         seed's greedy policy meets.
     rows : tuple of ForecastRow
-        The aggregates, then the single transfers, each group with the highest gain first.
+        The aggregates, then the single transfers, each group with the highest gain first; or the
+        potential that is written by hand.
     trained : dict of str to SourceValues
         The sources' values, as :meth:`Curriculum.train` takes them.
     sources : dict of str to SourceLearning or DistilledSource
@@ -366,7 +367,7 @@ class Forecast:
         if self.start is not None:
             lines.append(
                 f"the potential's own policy returns {self.start.potential:.4g} in "
-                f"{self.target!r}, {self._learnt_from}, and the random policy "
+                f"{self.target!r}, {self._learnt_from}and the random policy "
                 f"{self.start.random:.4g}"
             )
         return lines
@@ -374,11 +375,13 @@ class Forecast:
     @property
     def _learnt_from(self) -> str:
         """A clause on the seeds and steps of the sources."""
+        if not self.trained:
+            return ""
         sources, seeds = list[str](), 0
         for name, source in self.trained.items():
             seeds, average = len(source.seeds), " on average" * bool(np.ptp(source.steps_used))
             sources.append(f"{name} ({source.steps_used.mean():,.0f} steps{average})")
-        return f"from {counted(seeds, 'seed')} of {_listed(sources)}"
+        return f"from {counted(seeds, 'seed')} of {_listed(sources)}, "
 
 
 def _estimate(row: ForecastRow) -> float:
@@ -411,7 +414,7 @@ def forecast(
     progress: Progress = None,
     memory: Memory | None = None,
 ) -> Forecast:
-    """Return the forecast of whether the transfers into a target pay.
+    """Return the forecast of whether the transfers into a target, or its potential by hand, pay.
 
     A trial tells: it plays the comparison with learning from scratch in the tasks' models, with
     other random draws than :func:`compare` and :meth:`Curriculum.train`. A live target, or one that
@@ -450,7 +453,7 @@ def forecast(
     Raises
     ------
     CurriculumError
-        If the target is not unique or has no transfer into it, or ``trial=True`` lacks a model or a
+        If the target is not unique or has no potential, or ``trial=True`` lacks a model or a
         budget in steps.
 
     Examples
@@ -469,8 +472,12 @@ def forecast(
     check_progress(progress)
     instance("the curriculum of a forecast", curriculum, Curriculum, CurriculumError)
     name = curriculum.target if target is None else target
-    if not (edges := curriculum.in_edges(name)):
-        raise CurriculumError(f"a forecast needs a task with transfers into it: {name!r} has none")
+    edges = curriculum.in_edges(name)
+    if not curriculum.has_potential(name):
+        raise CurriculumError(
+            f"a forecast needs a task with a potential: {name!r} has neither transfers nor one by "
+            "hand"
+        )
     for function in aggregates:
         if not callable(function):
             raise CurriculumError(

@@ -155,7 +155,7 @@ def constants_of(
     target = curriculum.target
     if "constant" not in opponents or is_observation_task(curriculum.tasks[target]):
         return
-    if curriculum.in_edges(target) and starts_anywhere(curriculum.setting("learner", target)):
+    if curriculum.has_potential(target) and starts_anywhere(curriculum.setting("learner", target)):
         plain = curriculum.replace(target, shaping=QInitialisation())
         yield from ((label, plain) for label in CONSTANTS)
 

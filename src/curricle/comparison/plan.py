@@ -341,7 +341,7 @@ def train(
         options = options._replace(charged=spent)
         control = train_control(arm.change, curriculum, seeds, sources, phi, options)
         return Trained(control, spent)
-    phi = phi or curriculum.potentials(task, sources)
+    phi = phi or curriculum.potentials(task, sources, seeds=len(seeds))
     result, values = train_constant(arm.change, curriculum, seeds, phi, options)
     return Trained(result, np.zeros_like(spent), initial_values=values)
 
@@ -481,9 +481,11 @@ class _Learning(NamedTuple):
         """Return whether both learnings give equal results."""
         if self.node.task is not other.node.task or self[2:] != other[2:]:
             return False
-        if len(self.transfers) != len(other.transfers):
+        by_hand = self.node.potential
+        if len(self.transfers) != len(other.transfers) or by_hand is not other.node.potential:
             return False
-        settings = [setting for setting in SETTINGS if self.transfers or setting not in OF_TARGETS]
+        informed = self.transfers or by_hand is not None
+        settings = [setting for setting in SETTINGS if informed or setting not in OF_TARGETS]
         names = ("name", *settings)
         same = (getattr(self.node, name) == getattr(other.node, name) for name in names)
         return all(same) and all(map(same_transfer, self.transfers, other.transfers))

@@ -552,10 +552,12 @@ def steps_and_gain(arms: MeasuredArms, name: str) -> str:
     best = arms.best_opponent(name)
     by = f"by {best}" if best != SCRATCH else "from scratch"
     times, alone = arms.times(name), arms.times(best)
+    spent = arms[name].curve.source_steps.mean()
+    aid = "sources" if spent else "the potential"
     if not (times.reached.any() or alone.reached.any()):
         return (
             f"the threshold {arms.threshold:.4g} is never reached within {arms.total:,} steps, "
-            f"with sources or {by}; {gained}"
+            f"with {aid} or {by}; {gained}"
         )
     # If only the slower side misses the threshold, the true difference in steps is larger.
     saved = arms.contrasts[name].strong_steps_saved
@@ -567,11 +569,10 @@ def steps_and_gain(arms: MeasuredArms, name: str) -> str:
         n, low, high = (-float(value) for value in (saved.estimate, saved.high, saved.low))
         more = in_brief(replace(saved, estimate=n, low=low, high=high))
         change = f"takes {bound}{more} more"
-    spent = arms[name].curve.source_steps.mean()
+    aid += f" (their {spent:,.0f} steps included)" * bool(spent)
     return (
         f"expected steps to the threshold {arms.threshold:.4g}: {_expected(arms, name)} with "
-        f"sources (their {spent:,.0f} steps included), {_expected(arms, best)} {by}; "
-        f"{change}; {gained}"
+        f"{aid}, {_expected(arms, best)} {by}; {change}; {gained}"
     )
 
 

@@ -39,7 +39,8 @@ from curricle.transfer.transfer import Transfer, numbered, transfer_names
 class ForecastRow:
     """A way of using the sources of a target."""
 
-    name: str  # the aggregate's, or the transfer's as "source -> target [n]"
+    # The aggregate's, the transfer's as "source -> target [n]", or "potential" of one by hand.
+    name: str
     # Only the target, its transfers as this row uses them, and the tasks that these need.
     curriculum: Curriculum = field(repr=False)
     aggregate: bool  # whether it combines all transfers
@@ -54,6 +55,8 @@ def rows_of(
 ) -> list[ForecastRow]:
     """Return the rows for a target: aggregates first, then each transfer alone."""
     edges = curriculum.in_edges(target)
+    if not edges:
+        return [ForecastRow("potential", part_of(curriculum, target, ()), False, True)]
     usual = curriculum.setting("aggregate", target)
     # All aggregates of a single potential are that potential.
     several = COMPARED if len(edges) > 1 else ()
@@ -167,9 +170,9 @@ def run_trial(
         comparison = trained_comparison(plan, numbers, reference, window, memory, workers, bars)
     assumes = (
         f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
-        "an experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
-        "trained anew"
+        "an experiment; assumes the tasks, budgets and settings of the curriculum"
     )
+    assumes += ", its sources trained anew" * any(row.curriculum.transfers for row in rows)
     return Trial(comparison, assumes)
 
 

@@ -42,13 +42,19 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.aggregate import Aggregate, mean
 from curricle.transfer.mapping import TableValues, ValueSource
-from curricle.transfer.potential import AnyPotential, ObservationPotential, combined_potential
+from curricle.transfer.potential import (
+    AnyPotential,
+    ObservationPotential,
+    combined_potential,
+    written_potential,
+)
 from curricle.transfer.search import with_mapping
 from curricle.transfer.transfer import Transfer
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
     "unknown_value": 0.0,
+    "potential": None,
     "learner": None,
     "budget": None,
     "shaping": None,
@@ -57,7 +63,8 @@ SETTINGS: dict[str, Any] = {
     "storage": Storage(),
 }
 """Setting -> its default; a setting is a value for all tasks, or a dict from task to value."""
-OF_TARGETS = ("aggregate", "unknown_value", "shaping")  # settings of tasks with sources
+OF_TARGETS = ("aggregate", "unknown_value", "potential", "shaping")
+"""Settings of tasks with a potential, from sources or by hand."""
 DEFAULT_STEPS = 100_000  # the budget of a task on which no other task builds
 SOURCES_SHARE = 0.1
 """Share of the target's steps for all sources without a stated budget. Fitted on the development
@@ -91,6 +98,7 @@ class Node:
     task: Any
     aggregate: Aggregate
     unknown_value: float
+    potential: AnyPotential | None  # written by hand
     learner: Any
     budget: Budget
     shaping: Shaping
@@ -117,7 +125,11 @@ class Node:
         if self.shaping.potential is not None:
             raise CurriculumError(
                 "the shaping of a curriculum's task must have no potential of its own, because "
-                f"sources give it: that of {self.name} has a potential"
+                f"sources or potential= give it: that of {self.name} has a potential"
+            )
+        if self.distilled and self.potential is not None:
+            raise CurriculumError(
+                f"miniatures are solved and need no potential: {self.name!r} has one by hand"
             )
         if not callable(self.aggregate):
             raise CurriculumError(
@@ -236,6 +248,12 @@ class Curriculum:
         :func:`mean`. A pair that a transfer leaves unmapped is NaN, which :func:`mean` skips.
     unknown_value : float or dict
         The potential of pairs that all transfers leave unmapped; default 0.
+    potential : array, potential, callable or dict, optional
+        A potential written by hand, for tasks without sources, which is charged no step: phi(s, a)
+        as an (S, A) array, :class:`StateActionPotential` or :class:`MappedPotential`; Phi(s) as an
+        (S,) array or :class:`StatePotential`, which is read as phi(s, a) = Phi(s) for all a; or a
+        function of the task that returns one of these. For an observation task it is an
+        ``ObservationPotential`` or ``ValueSource``.
     learner : Learner or dict
         Default ``QLearning()``. For a task on which others build, without sources of its own,
         ``OptimisticQLearning()`` if the task has tables, and a discount below 1 or a time limit.
@@ -260,7 +278,7 @@ class Curriculum:
     ------
     CurriculumError
         When transfers make a cycle (which is named), a task is unknown, a mapping is not made for
-        the tasks of its transfer, or the shaping of a source leaves values that no target can read.
+        the tasks of its transfer, a potential is unfit or its task has sources, or the shaping of a source leaves values that no target can read.
 
     Examples
     --------
@@ -282,6 +300,7 @@ class Curriculum:
     transfers: Sequence[Transfer] = ()
     aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
     unknown_value: float | Mapping[str, float | None] | None = None
+    potential: Any = SETTINGS["potential"]
     learner: Learner | Mapping[str, Learner | None] | None = SETTINGS["learner"]
     budget: Budget | Mapping[str, Budget | None] | None = SETTINGS["budget"]
     shaping: Shaping | Mapping[str, Shaping | None] | None = SETTINGS["shaping"]
@@ -295,9 +314,15 @@ class Curriculum:
             value = getattr(self, setting)
             for name in value if isinstance(value, Mapping) else ():
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
+        written = {
+            name: written_potential(name, task, phi, [edge.source for edge in self.in_edges(name)])
+            for name, task in self.tasks.items()
+            if (phi := self._stated("potential", name)) is not None
+        }
+        object.__setattr__(self, "potential", written)
         for name in self.tasks:
             node = self.node(name)
-            if self.in_edges(name):
+            if self.has_potential(name):
                 node.shaping.check(node.learner)
                 targets = [edge.target for edge in self.transfers if edge.source == name]
                 if targets and not node.shaping.own_rewards:
@@ -407,6 +432,10 @@ class Curriculum:
         one_of("a task", name, self.tasks, CurriculumError)
         return tuple(t for t in self.transfers if t.target == name)
 
+    def has_potential(self, name: str) -> bool:
+        """Return whether a task has a potential, from its sources or written by hand."""
+        return bool(self.in_edges(name)) or name in self.potential
+
     def ancestors(self, name: str) -> tuple[str, ...]:
         """Return the tasks that are trained before `name`, in training order."""
         one_of("a task", name, self.tasks, CurriculumError)
@@ -450,7 +479,7 @@ class Curriculum:
         from curricle.deep.models import check_learner  # with torch, an extra
 
         in_tables = [edge.source for edge in edges if not self.node(edge.source).deep]
-        check_learner(node.learner, node.shaping if edges else None, in_tables)
+        check_learner(node.learner, node.shaping if self.has_potential(name) else None, in_tables)
 
     def _default_learner(self, name: str) -> Any:
         """Return the default learner of a task: OptimisticQLearning for a first one, if possible.
@@ -623,7 +652,7 @@ class Curriculum:
 
         `sources` have the same `seeds`.
         """
-        potentials = self.potentials(name, sources)
+        potentials = self.potentials(name, sources, seeds=len(seeds))
         return self.node(name).train(seeds, potentials, options), potentials
 
     def spent(self, name: str, sources: Mapping[str, Learnt], seeds: int) -> IntArray:
@@ -638,13 +667,17 @@ class Curriculum:
         sources: Mapping[str, Learnt],
         *,
         transfers: Sequence[Transfer] | None = None,
+        seeds: int = 1,
     ) -> list[AnyPotential]:
-        """Return a task's potential for each seed, from its sources' values; [] without sources.
+        """Return a task's potential for each seed, from its sources' values; [] if it has none.
 
-        `transfers` are by default all transfers into the task. CurriculumError when a source's
+        `transfers` are by default all transfers into the task. A potential written by hand is the
+        same for all `seeds`. CurriculumError when a source's
         values were not kept, are not in a dense table, or include shaping rewards.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
+        if not edges and name in self.potential:
+            return [self.potential[name]] * seeds
         how: dict[str, Any] = {"function": self.setting("aggregate", name)}
         how["unknown_value"] = self.setting("unknown_value", name)
         for edge in edges:

@@ -95,7 +95,7 @@ class CurriculumResult:
     nodes : dict of str to LearningResult
         Results of the tasks trained here, and whole results that were passed in `trained`.
     potentials : dict of str to list of MappedPotential or StateActionPotential
-        Potential of each seed, for the tasks trained here; empty for a task without sources.
+        Potential of each seed, for the tasks trained here; empty for a task without one.
     given : dict of str to SourceValues
         Values of the tasks that were trained before.
 
@@ -258,7 +258,10 @@ def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> t
     _build_networks(curriculum, nodes, earlier)
     # Potentials are computed from the sources' values, as in training.
     sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **earlier}
-    potentials = {name: curriculum.potentials(name, sources) for name in about["trained"]}
+    potentials = {
+        name: curriculum.potentials(name, sources, seeds=len(nodes[name].seeds))
+        for name in about["trained"]
+    }
     return nodes, potentials, earlier
 
 
@@ -312,7 +315,9 @@ def source_values(curriculum: Any, sources: Mapping[str, SourceValues]) -> dict[
         node, stored = curriculum.node(name), sources[name]
         values = stored.values
         if node.deep and values is not None:
-            potentials: list[Any] = curriculum.potentials(name, learnt)
+            potentials: list[Any] = curriculum.potentials(
+                name, learnt, seeds=len(stored.seeds)
+            )
             node.learner.algorithm_class()  # raises an ImportError that names what to install
             from curricle.deep.models import network_values  # needs PyTorch
 

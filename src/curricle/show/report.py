@@ -182,7 +182,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
             "Certificates are left out, because the run has not ended: curricle run --resume makes "
             "them."
         )
-        groups = [arms for arms in curricula.groups() if curricula.arms[arms[0]].transfers]
+        groups = [arms for arms in curricula.groups() if curricula.arms[arms[0]].has_potential]
         empty: Any = {"certificates": (), "left_out": (why,)}
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     styles = arm_styles(comparison)

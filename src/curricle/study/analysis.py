@@ -84,7 +84,8 @@ def curricula_record(planned: Mapping[str, PlannedArm]) -> CurriculaRecord:
         curriculum, nodes = arm.curriculum, dict[str, NodeRecord]()
         for name in curriculum.order:
             sources, node = curriculum.in_edges(name), curriculum.node(name)
-            settings = [which for which in SETTINGS if sources or which not in OF_TARGETS]
+            skipped = ("potential",) if sources else () if node.potential else OF_TARGETS
+            settings = [which for which in SETTINGS if which not in skipped]
             several = len(sources) > 1
             nodes[name] = NodeRecord(
                 task=_number(node.task, tasks, same_task),
@@ -197,7 +198,7 @@ def analysed(
     results: Mapping[str, CurriculumResult], record: CurriculaRecord, of: str = ""
 ) -> Analysis:
     """Return the analysis of trained curricula by arm; `of` is a digest of their results."""
-    groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
+    groups = [arms for arms in record.groups() if record.arms[arms[0]].has_potential]
     sections = tuple(_section(arms, results) for arms in groups)
     episodes: dict[str, dict[str, EpisodePair]] = {}
     for arm, result in results.items():

@@ -83,6 +83,7 @@ from curricle.study_file.vary import (
 )
 from curricle.text import counted, printed, shortened
 from curricle.transfer.by_components import member_mappings
+from curricle.transfer.potential import written_potential
 
 ONLY_ARM = "transfer"  # the name of the arm of a study without arms
 Made = TypeVar("Made")
@@ -475,7 +476,8 @@ class _Builder:
     def curriculum(self) -> Curriculum | None:
         """Return the curriculum; None if any part of it was refused."""
         learnt, before = self.graph.learnt, len(self.problems.messages)
-        tasks, settings = self._tasks(), self._settings()
+        tasks = self._tasks()
+        settings = self._settings(tasks)
         transfers = list[Any]()
         for index, edge in enumerate(self.arm.transfers):
             if edge.source in tasks and edge.target in tasks:
@@ -550,11 +552,21 @@ class _Builder:
         drawings = [self.arm.tasks[drawing] for drawing in self.graph.drawings(name)]
         return repr([drawing.model_dump_json(exclude=set(SETTINGS)) for drawing in drawings])
 
-    def _settings(self) -> dict[str, dict[str, Any]]:
+    def _potential(self, name: str, task: Any, function: object, sources: list[str]) -> Any:
+        """Return the potential of a task by hand; arms with equal tasks share it."""
+        reference = self.arm.tasks[name].potential
+        key = f"{reference} {sources} {self._key(name)}"
+        if key not in self.made:
+            with users_code(reference):
+                self.made[key] = written_potential(name, task, function, sources)
+        return self.made[key]
+
+    def _settings(self, tasks: dict[str, Any]) -> dict[str, dict[str, Any]]:
         """Return the settings of all learnt tasks, as :class:`Curriculum` takes and checks them."""
         settings: dict[str, dict[str, Any]] = {which: {} for which in SETTINGS}
-        are_sources, with_sources = ({edge[i] for edge in self.graph.edges} for i in (0, 1))
+        are_sources = {source for source, _ in self.graph.edges}
         for name in self.graph.learnt:
+            sources = [source for source, target in self.graph.edges if target == name]
             for which in SETTINGS:
                 with self._refused("tasks", name, which):
                     value = self.arm.tasks[name].setting(which, self.folder)
@@ -565,8 +577,11 @@ class _Builder:
                     if which == "eval_freq" and settings["budget"].get(name) is not None:
                         spacing(value, settings["budget"][name])
                     learner = settings["learner"].get(name)
-                    if which == "shaping" and name in with_sources and None not in (value, learner):
+                    informed = sources or settings["potential"].get(name) is not None
+                    if which == "shaping" and informed and None not in (value, learner):
                         value.check(learner)
+                    if which == "potential" and value is not None and name in tasks:
+                        value = self._potential(name, tasks[name], value, sources)
                     settings[which][name] = value
         return settings
 

@@ -191,6 +191,12 @@ class ArmRecord(Plain):
     control_of: str = ""  # the arm that it changes, as a control or as a constant of it
     knows_target: bool  # whether a mapping was found in the target's model
 
+    @property
+    def has_potential(self) -> bool:
+        """Whether a task has a potential, from a transfer or written by hand."""
+        by_hand = any("potential" in node.settings for node in self.nodes.values())
+        return by_hand or bool(self.transfers)
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
         place = {name: number for number, name in enumerate(self.nodes)}

@@ -216,7 +216,8 @@ def _complete_task(
     """Return a task with the settings for all tasks filled in."""
     if "family" in task:
         task = {"type": "family", **task}
-    fitting = {w: value for w, value in for_all.items() if has_sources or w not in OF_TARGETS}
+    informed = has_sources or "potential" in {*for_all, *task}
+    fitting = {w: value for w, value in for_all.items() if informed or w not in OF_TARGETS}
     return {**task, **merged(fitting, {which: task[which] for which in SETTINGS if which in task})}
 
 

@@ -552,6 +552,9 @@ class Settings(Table):
     )
     unknown_value: Number | None = None
     """The potential of pairs that all mappings leave unmapped; 0 by default."""
+    potential: Reference | None = None
+    """A potential written by hand, for tasks without transfers into them: a function of the task,
+    module:function, that returns phi as an (S, A) array, or state values as an (S,) array."""
     learner: AnyLearner = None
     """The learning algorithm; by default QLearning, for a source with tables and without sources of
     its own OptimisticQLearning."""

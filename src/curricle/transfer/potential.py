@@ -9,17 +9,19 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import FloatArray
-from curricle.checks import instance
-from curricle.errors import CurriculumError, PotentialError
+from curricle.checks import instance, numbers
+from curricle.errors import CurriculumError, PotentialError, SettingError
 from curricle.learning.potential import (
     MappedPotential,
     PairPotential,
     StateActionPotential,
+    StatePotential,
     finite_scale,
 )
+from curricle.learning.shaping import QInitialisation
 from curricle.learning.value_lookup import MEAN, MINIMUM, SourceTable, value_lookup
 from curricle.tasks.mdp import Task, generative_model
-from curricle.tasks.observation_task import ObservationTask
+from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.text import brief_repr
 from curricle.transfer.aggregate import BUILT_IN, Aggregate, aggregate, built_in, mean
 from curricle.transfer.by_components import LARGEST_INDEX, ComponentMapping
@@ -215,4 +217,40 @@ class ObservationPotential:
 
 
 AnyPotential = PairPotential | ObservationPotential
-"""What sources give a target: phi of numbered states, or of observations."""
+"""What sources, or a user, give a target: phi of numbered states, or of observations."""
+
+# -- written by hand -------------------------------------------------------------------------------
+
+
+def written_potential(
+    name: str, task: Any, potential: Any, sources: Sequence[str] = ()
+) -> AnyPotential:
+    """Return a potential that a user wrote for a task, as :class:`Curriculum` takes it.
+
+    CurriculumError names the task if the potential is unfit, or if the task has `sources` too.
+    """
+    if sources:
+        raise CurriculumError(
+            f"a task's potential comes from sources or is written by hand: {name!r} has one by "
+            f"hand and the source {sources[0]!r}; leave out one, or compare both as two arms"
+        )
+    phi = potential(task) if callable(potential) else potential
+    try:
+        if is_observation_task(task):
+            known = isinstance(phi, ObservationPotential)
+            return phi if known else ObservationPotential.of(task, phi)
+        if not isinstance(phi, StatePotential | PairPotential):
+            phi = numbers("a potential", phi, PotentialError)
+            phi = StatePotential(task, phi) if phi.ndim == 1 else phi
+        if isinstance(phi, StatePotential) and phi.changes:
+            raise PotentialError(
+                "it must not change with time, as learn(task, shaping=StateShaping(phi)) allows"
+            )
+        if isinstance(phi, StatePotential):
+            # Q that starts at Phi(s) for every a learns as with F = gamma Phi(s') - Phi(s): Wiewiora
+            # 2003.
+            actions = generative_model(task).actions.size
+            phi = StateActionPotential(phi.task, np.tile(phi.at()[:, None], actions))
+        return QInitialisation(phi).for_task(task).potential  # type: ignore[no-any-return]
+    except (PotentialError, SettingError) as error:
+        raise CurriculumError(f"the potential of {name!r} cannot be used: {error}") from None
