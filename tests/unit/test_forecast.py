@@ -95,7 +95,7 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
     ("settings", "message"),
     [
         ({"target": "moon"}, "a task must be one of near, far, other: got 'moon'"),
-        ({"target": "near"}, "a forecast needs a task with transfers into it: 'near' has none"),
+        ({"target": "near"}, "a forecast needs a task with a potential: 'near' has neither"),
         ({"target": "far", "episodes": 0}, "episodes of an evaluation must be"),
         ({"target": "far", "aggregates": [3]}, r"must be a function \(N, S, A\).*: got 3"),
     ],

@@ -5,15 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import curricle as cr
 from curricle.curriculum.result import CurriculumResult
 from curricle.deep import DeepLearner
 from curricle.errors import ConfigError, CurriculumError
 from curricle.learning import OptimisticQLearning, linear
-from curricle.study import StudyResults, run_study
+from curricle.study import run_study
 from curricle.study.arms import Arms
 from curricle.study.auditing import as_fair
 from curricle.transfer import FunctionValues, ObservationPotential
@@ -297,7 +296,7 @@ def test_a_study_is_run_judged_and_resumed(study, tmp_path):
     groups = {section.arms: section for section in results.analysis.sections}
     (certificate,) = groups["phi",].certificates
     assert certificate.holds
-    (tmp_path / "own.py").write_text(OWN.replace("0.9", "0.8"))
+    (tmp_path / "own.py").write_text(OWN.replace("0.9", "-0.9"))
     before = {arm: results.result(arm, "maze").training_return for arm in ("phi", "sources")}
     after = run_study(study(), tmp_path / "out", resume=True)
     changed = {
@@ -319,7 +318,7 @@ def test_the_modules_digest_is_in_the_keys(study, tmp_path):
 
 
 def test_a_check_forecasts_it(study, curricle):
-    study(('seeds = 8', 'seeds = "0-7"'))
+    study(("seeds = 8", 'seeds = "0-7"'))
     code, out, complaint = curricle("check", "study.toml", "--forecast")
     assert code == 0, complaint
     assert "a potential by hand for maze" in out
@@ -345,7 +344,7 @@ def test_mistakes_are_named_with_their_place(study, change, words):
 
 
 def test_it_must_be_named_as_a_function(study):
-    with pytest.raises(ConfigError, match="line 26: .*potential must name a function as module:"):
+    with pytest.raises(ConfigError, match=r"line 26: .*potential must name a function as module:"):
         study(("own:levels", "known"))
 
 

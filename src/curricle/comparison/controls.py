@@ -15,8 +15,8 @@
 
 The values of a ``placebo`` say nothing about the task. An observation task has no numbered states:
 it has no ``random_start``, and a ``placebo`` only of miniatures, which gives each observation the
-answer of another observation. ``negated`` needs no dense tables. A potential that is written by hand
-has no source to change: it has ``placebo``, ``constant`` and ``negated`` alone.
+answer of another observation. ``negated`` needs no dense tables. An arm whose
+potential is written by hand has no source to change: it has only those that change the potential.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

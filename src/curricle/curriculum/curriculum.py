@@ -278,7 +278,8 @@ class Curriculum:
     ------
     CurriculumError
         When transfers make a cycle (which is named), a task is unknown, a mapping is not made for
-        the tasks of its transfer, a potential is unfit or its task has sources, or the shaping of a source leaves values that no target can read.
+        the tasks of its transfer, a potential is unfit or its task has sources, or the shaping of a
+        source leaves values that no target can read.
 
     Examples
     --------

@@ -315,9 +315,7 @@ def source_values(curriculum: Any, sources: Mapping[str, SourceValues]) -> dict[
         node, stored = curriculum.node(name), sources[name]
         values = stored.values
         if node.deep and values is not None:
-            potentials: list[Any] = curriculum.potentials(
-                name, learnt, seeds=len(stored.seeds)
-            )
+            potentials: list[Any] = curriculum.potentials(name, learnt, seeds=len(stored.seeds))
             node.learner.algorithm_class()  # raises an ImportError that names what to install
             from curricle.deep.models import network_values  # needs PyTorch
 

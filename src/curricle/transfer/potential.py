@@ -247,8 +247,7 @@ def written_potential(
                 "it must not change with time, as learn(task, shaping=StateShaping(phi)) allows"
             )
         if isinstance(phi, StatePotential):
-            # Q that starts at Phi(s) for every a learns as with F = gamma Phi(s') - Phi(s): Wiewiora
-            # 2003.
+            # Q from Phi(s) for all a learns as with F = gamma Phi(s') - Phi(s) (Wiewiora 2003).
             actions = generative_model(task).actions.size
             phi = StateActionPotential(phi.task, np.tile(phi.at()[:, None], actions))
         return QInitialisation(phi).for_task(task).potential  # type: ignore[no-any-return]
