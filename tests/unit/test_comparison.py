@@ -456,7 +456,11 @@ def pair(*rivals, **settings):
         (pair(learner=cr.SARSA()), {}, "learner: 'one' and 'two' have QLearning.* and SARSA"),
         (corner(), {"controls": ["negated", "magic"]}, "random_start, .*, unrelated: got 'magic'"),
         (corner(), {"controls": "placebo"}, "controls must be a list of names: got 'placebo'"),
-        ({"mine": PLAIN}, {"controls": ["negated"]}, "arm 'mine' has none into 'maze'"),
+        (
+            {"mine": PLAIN},
+            {"controls": ["negated"]},
+            "arm 'mine' has neither a transfer into 'maze'",
+        ),
         (copied(ring()), {"controls": ["placebo"]}, "given by functions or played live has no tab"),
         ({"mine": SPARSE}, {"controls": ["pretraining"]}, "of 'hunt' is sparse in arm 'mine'"),
         (corner(), {"window": 0}, "window must be a whole number, at least 1: got 0"),

@@ -673,8 +673,8 @@ class Curriculum:
         """Return a task's potential for each seed, from its sources' values; [] if it has none.
 
         `transfers` are by default all transfers into the task. A potential written by hand is the
-        same for all `seeds`. CurriculumError when a source's
-        values were not kept, are not in a dense table, or include shaping rewards.
+        same for all `seeds`. CurriculumError when a source's values were not kept, are not in a
+        dense table, or include shaping rewards.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
         if not edges and name in self.potential:

@@ -520,7 +520,7 @@ SHAPINGS = tuple(
         *(WeightTransfer, PolicyReuse),
     )
 )
-"""The ways a potential or a network enters learning; the sources give the potential."""
+"""The ways a potential or a network enters learning; the potential comes from elsewhere."""
 EvaluationTable = table_of(GreedyEvaluation)
 StorageTable = table_of(
     Storage,
