@@ -16,6 +16,7 @@ from curricle.checks import instance, one_of
 from curricle.comparison.measures import Reference
 from curricle.comparison.opponents import OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory
+from curricle.comparison.sentences import headroom_sentence, instead
 from curricle.comparison.trial import (
     SEEDS,
     ForecastRow,
@@ -305,6 +306,13 @@ class Forecast:
         return max(gains, key=gains.__getitem__, default=self.used)
 
     @property
+    def headroom(self) -> float:
+        """:meth:`Comparison.headroom` in the trial; NaN if it is unknown."""
+        if self.trial is None or self.used.gain is None:
+            return float("nan")
+        return self.trial.comparison.headroom(self.used.name)
+
+    @property
     def answer(self) -> str:
         """Whether the curriculum will pay, in a few words; and whether its mapping was found."""
         pays = "whether it pays is open"
@@ -354,8 +362,13 @@ class Forecast:
 
     @property
     def _sentences(self) -> list[str]:
-        """The sentences above the table: the answer with its basis, the sources, the start."""
-        lines = [f"Forecast for {self.target!r}: {self.answer}", self.basis]
+        """The sentences above the table: headroom, answer, its basis, the sources, the start."""
+        lines = [self.answer, self.basis]
+        if self.trial is not None and (gain := self.used.gain) is not None:
+            arms, name = self.trial.comparison, self.used.name
+            lines[0] += f": {instead(arms, name)}" * bool(gain.high < 0)
+            lines[:0] = filter(None, [headroom_sentence(arms, name)])
+        lines[0] = f"Forecast for {self.target!r}: {lines[0]}"
         if self.trial is not None:
             lines += [
                 f"{name} failed: {in_words(error)}"

@@ -66,6 +66,8 @@ class Reference:
     random_return, optimum : float or None
         Returns of the uniformly random and of an optimal policy. The optimum is None where the
         target cannot be solved, or is not solved because the threshold was stated.
+    optimum_bounds : bool
+        Whether it is proven that no policy returns more than the optimum.
     random_error, random_noise : float
         Standard error of the random policy's return, 0 where it is exact; and the standard
         deviation of one evaluation of it, 0 where evaluations are exact.
@@ -89,28 +91,29 @@ class Reference:
     possible: tuple[float, float] | None = None
     random_error: float = 0.0
     random_noise: float = 0.0
+    optimum_bounds: bool = False
 
     @classmethod
     def of(cls, target: Target | ObservationTarget, stated: float | None = None) -> Self:
         """Return the reference before training, with a stated threshold or the default."""
-        solved = target.solution is not None
-        best, worst = (target.optimum, target.random_return) if solved else (None, None)
-        if stated is not None:
-            return cls(stated, STATED, worst, best)
-        # Undiscounted, the policy that is optimal with the discount need not beat a random one.
-        reference = cls(None, MIDPOINT, worst, best)
-        if best is None or worst is None or best <= worst or reference.nothing_to_learn:
+        reference = cls(stated, MIDPOINT if stated is None else STATED)
+        if isinstance(target, ObservationTarget) or target.solution is None:
             return reference
-        return cls(fraction_of_optimum(best, worst, FRACTION), OF_OPTIMUM, worst, best)
+        best, worst, bounds = target.optimum, target.random_return, target.optimum_bounds
+        reference = replace(reference, random_return=worst, optimum=best, optimum_bounds=bounds)
+        # Undiscounted, the policy that is optimal with the discount need not beat a random one.
+        if stated is not None or best <= worst or reference.nothing_to_learn:
+            return reference
+        threshold = fraction_of_optimum(best, worst, FRACTION)
+        return replace(reference, threshold=threshold, threshold_from=OF_OPTIMUM)
 
     @classmethod
     def before(cls, node: Node, stated: float | None) -> Self:
         """Return :meth:`of` a task, which is not solved where the threshold is stated."""
         possible = possible_returns(node.task, node.evaluation.discount(node.task))
-        reference = cls(stated, MIDPOINT if stated is None else STATED)
+        reference = cls(stated, STATED)
         if stated is None:
-            target = target_of(node.task, node.evaluation)
-            reference = cls.of(target) if target.solution is not None else reference
+            reference = cls.of(target_of(node.task, node.evaluation))
         reference = replace(reference, possible=possible)
         sampled = node.deep or isinstance(node.evaluation.kernel(node.task), RolloutEvaluation)
         if reference.random_return is not None and not sampled:
@@ -352,6 +355,18 @@ class MeasuredArms:
     def best_opponent(self, name: str) -> str:
         """Return the opponent of an arm with the highest mean return."""
         return max(self.opponents(name), key=lambda rival: float(self.returns[rival].mean()))
+
+    def headroom(self, name: str) -> float:
+        """Return the most that a source can gain, as a share of the way from random to the optimum.
+
+        It is what the mean return of the arm's best opponent leaves below the optimum, at least 0;
+        NaN where the optimum is unknown or not above random play.
+        """
+        best, random = self.reference.optimum, self.reference.random_return
+        if best is None or random is None or best <= random or self.reference.nothing_to_learn:
+            return NAN
+        missing = best - self.returns[self.best_opponent(name)].mean()
+        return float(np.maximum(0.0, missing / (best - random)))
 
     @cached_property
     def best_opponents(self) -> tuple[str, ...]:

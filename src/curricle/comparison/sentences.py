@@ -20,6 +20,7 @@ from curricle.comparison.measures import (
     MeasuredArms,
 )
 from curricle.comparison.verdicts import SIGNIFICANT, Verdict, not_known
+from curricle.learning.learners import LEARNERS_BY_NAME
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, clusters, interquartile_interval
 from curricle.text import counted, minus, or_dash, rounded
@@ -277,6 +278,9 @@ def title(arms: MeasuredArms) -> str:
 def lines_below(arms: MeasuredArms) -> list[str]:
     """Return what stands below the table: what was not learnt, controls, and clusters of seeds."""
     lines = [nothing_learnt(arms), _looks(arms), _other_opponents(arms)]
+    lines += dict.fromkeys(headroom_sentence(arms, name) for name in arms.controls)
+    costly = (name for name, verdict in arms.verdicts.items() if verdict.direction < 0)
+    lines += [f"instead of {name}, {instead(arms, name)}" for name in costly]
     lines += [cluster_sentence(arms, name) for name in arms.shown]
     of_controls = {} if arms.nobody else arms.control_verdicts
     lines += [_gains_more(name, verdict, "controls") for name, verdict in of_controls.items()]
@@ -326,6 +330,37 @@ def _other_opponents(arms: MeasuredArms) -> str:
         if name not in arms.shown
     ]
     return f"mean return of other constants: {'; '.join(others)}" if others else ""
+
+
+def headroom_sentence(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on the most that an arm can gain; empty if that is unknown."""
+    share, optimum = arms.headroom(name), arms.reference.optimum
+    if np.isnan(share) or optimum is None or arms.nobody:
+        return ""
+    missing = max(0.0, optimum - arms.mean_return(arms.best_opponent(name)).estimate)
+    return (
+        f"the best learner without a source, {_without_source(arms, name)[0]}, leaves "
+        f"{round(share, 3):g} of the way from random play to the optimum in this budget "
+        f"({missing:.3g} in mean return)"
+        f"{': no source can gain more' * arms.reference.optimum_bounds}"
+    )
+
+
+def instead(arms: MeasuredArms, name: str) -> str:
+    """Return the advice to use an arm's best opponent, and how to write that in a study file."""
+    learner, written = _without_source(arms, name)
+    return f"use {learner} without a source (in a study file: {written}no transfers)"
+
+
+def _without_source(arms: MeasuredArms, name: str) -> tuple[str, str]:
+    """Return an arm's best opponent as a learner, and as settings of a study file."""
+    best, own = arms.best_opponent(name), "the target's own learner"
+    if best == SCRATCH:
+        return own, ""
+    label = (_started(arms, best).strip(" ()") or best).removeprefix(f"{SCRATCH}, ")
+    if label.startswith("initial_value="):
+        return f"{own} with {label}", f"learner.{label.replace('=', ' = ')}, "
+    return label, f'learner.type = "{label}", ' * (label in LEARNERS_BY_NAME)
 
 
 def _started(arms: MeasuredArms, name: str) -> str:
@@ -503,7 +538,8 @@ def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding
         remark = _gains_more(name, arms.control_verdicts[name], "controls")
         remarks.append(remark.removeprefix(f"{name} "))
     if name in arms.verdicts:
-        remarks.append(not_known([arms.reasons[name]]))
+        remarks += [headroom_sentence(arms, name), not_known([arms.reasons[name]])]
+        remarks.append(instead(arms, name) * (tone == "costs"))
     lines += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
     control, gain = arms[name].control, contrast.strong_gain
     return Finding(name, control, tone, contrast.answer, tuple(lines), gain)

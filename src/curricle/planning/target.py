@@ -98,11 +98,16 @@ class Target:
         if self.solution is None:
             return float("nan")
         model = generative_model(self.task)
-        comparable = self.evaluation.discount(self.task) == model.discount
-        if self.evaluation.method == "exact" and comparable and model.time_limit is not None:
+        if self.optimum_bounds and model.time_limit is not None:
             return limited_optimum(tables(self.task), model.time_limit)
         best = Values(self.solution.action_values)
         return greedy_policy_return(self.task, best, self.evaluation).value
+
+    @property
+    def optimum_bounds(self) -> bool:
+        """Whether no policy returns more than the optimum of a solved target."""
+        comparable = self.evaluation.discount(self.task) == generative_model(self.task).discount
+        return self.evaluation.method == "exact" and comparable
 
     @cached_property
     def random_return(self) -> float:
