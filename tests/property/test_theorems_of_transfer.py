@@ -6,7 +6,9 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
+from curricle.comparison import Comparison, Reference
 from curricle.transfer.aggregate import BUILT_IN, aggregate
+from tests.support.comparisons import arm_of
 
 stacks = arrays(
     np.float64, st.tuples(*(st.integers(1, 4) for _ in range(3))), elements=st.floats(-1e6, 1e6)
@@ -73,3 +75,19 @@ def test_phi_min_bounds_the_optimum_from_above(size, torus, discount, moves, ste
     ])  # fmt: skip
     above = cr.minimum(potentials) - both.action_values
     assert above.min() >= -(alone.error_bound + both.error_bound + 1e-12)
+
+
+@given(
+    arrays(np.float64, (4, 3, 6), elements=st.floats(-50.0, 10.0)),
+    st.sampled_from([0, 10, 30]),
+    st.floats(-100.0, 9.0),
+)
+def test_no_source_gains_more_than_the_best_learner_without_one_leaves(curves, spent, random):
+    names = ("scratch", "scratch, other", "a", "b")
+    kinds = ({}, {"scratch": True}, {"spent": spent}, {})
+    arms = {n: arm_of(c, **kind) for n, c, kind in zip(names, curves, kinds, strict=True)}
+    reference = Reference(0.0, random_return=random, optimum=10.0)
+    comparison = Comparison("t", arms, 50, 50, reference, 1)
+    for name in () if comparison.nobody else ("a", "b"):
+        gain = comparison.contrasts[name].strong_gain.estimate
+        assert gain <= comparison.headroom(name) * (10.0 - random) + 1e-9

@@ -209,9 +209,12 @@ def test_random_play_of_a_network_ends_as_its_evaluation_does():
 
 
 def test_where_the_random_policy_is_optimal_up_to_rounding_there_is_nothing_to_learn():
-    target = SimpleNamespace(solution=True, optimum=2 + 1e-12, random_return=2.0)
+    target = SimpleNamespace(
+        solution=True, optimum=2 + 1e-12, random_return=2.0, optimum_bounds=True
+    )
     reference = Reference.of(target)
     assert (reference.threshold, reference.nothing_to_learn) == (None, True)
+    assert reference.optimum_bounds
     comparison = comparison_of(scratch=[[2.0, 2.0]], other=[[2.0, 2.0]])
     assert nothing_learnt(comparison) == ""  # 2 is above the threshold
     comparison = replace(comparison, reference=replace(reference, threshold=2.0))

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from curricle.cli import output
 from curricle.comparison import trial as trials
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.cost import SLOWER
-from curricle.comparison.forecasting import forecast
+from curricle.comparison.forecasting import Forecast, forecast
 from curricle.comparison.measures import Reference
 from curricle.comparison.plan import Memory
+from curricle.comparison.sentences import findings, headroom_sentence, instead
 from curricle.comparison.trial import Trial, affordable, apart, hindrance, rows_of, run_trial
 from curricle.errors import CurriculumError, SettingError
 from curricle.study import read_study
+from curricle.tasks.mdp import tables
 from curricle.transfer.rollouts import potential_return, target_of
 from tests.support.comparisons import MAZE, arm_of, assert_same, copied, corner, pursuit
 from tests.support.studies import CORNER
@@ -302,7 +305,13 @@ def test_a_source_that_pays_is_said_to_pay_and_by_how_much():
     )
     assert re.fullmatch(pattern, numbers)
     assert "assumes" in foreseen.basis
-    assert words_of(foreseen).startswith(f"Forecast for 'far': likely pays {numbers}; a trial in")
+    leaves = f"leaves {foreseen.headroom:.3f} of the way from random play to the optimum"
+    assert re.match(
+        f"Forecast for 'far': the best learner without a source, the target's own learner, {leaves} "
+        rf"in this budget \(.+ in mean return\): no source can gain more likely pays "
+        f"{re.escape(numbers)}; a trial in",
+        words_of(foreseen),
+    )
 
 
 def test_gains_order_rows_and_the_best_is_named_if_it_is_not_used():
@@ -355,6 +364,121 @@ def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
     place = "raised in broken of test_forecast.py, line "
     assert trial.numbers("broken").startswith(f"RuntimeError: no idea ({place}")
     assert trial.gain("mean") is not None
+    rows = tuple(replace(row, gain=trial.gain(row.name)) for row in tried)
+    foreseen = Forecast("far", {}, rows, {}, trial=trial)
+    assert 0 < foreseen.headroom < 1
+    failed = replace(foreseen, rows=tuple(replace(r, used=r.name == "broken") for r in rows))
+    assert np.isnan(failed.headroom)
+    assert str(failed).startswith(
+        "Forecast for 'far': it failed in the trial\nRuntimeError: no idea"
+    )
+
+
+# -- the headroom: the most that a source can gain -------------------------------------------------
+
+
+def slow_return(task, best):
+    """Return what an optimal or the random policy returns, by loops over all that can happen."""
+    mdp, actions = tables(task), range(task.actions.size)
+    values = [0.0] * task.states.size
+    for _ in range(task.time_limit):
+        backups = [
+            [
+                sum(
+                    p * (reward + task.discount * values[after])
+                    for p, reward, after in zip(
+                        mdp.probability[row], mdp.reward[row], mdp.next_state[row], strict=True
+                    )
+                )
+                for row in mdp.outcome_row[s]
+            ]
+            for s in range(len(values))
+        ]
+        values = [
+            0.0 if end else (max(of) if best else sum(of) / len(actions))
+            for of, end in zip(backups, mdp.terminal, strict=True)
+        ]
+    return sum(start * value for start, value in zip(mdp.start, values, strict=True))
+
+
+def test_a_forecast_begins_with_what_the_best_learner_without_a_source_leaves():
+    foreseen = cr.forecast(corner(), seeds=1)
+    arms, heights = foreseen.trial.comparison.arms, {}
+    for name in set(arms) - {"mean"}:
+        curves = arms[name].curve.values
+        areas = [sum((a + b) / 2 for a, b in pairwise(c)) / (len(c) - 1) for c in curves.tolist()]
+        heights[name] = sum(areas) / len(areas)
+    best, random = slow_return(MAZE, best=True), slow_return(MAZE, best=False)
+    missing = best - max(heights.values())
+    assert max(heights, key=heights.get) == "scratch, OptimisticQLearning"
+    assert foreseen.headroom == pytest.approx(missing / (best - random), rel=1e-9)
+    assert words_of(foreseen).startswith(
+        "Forecast for 'maze': the best learner without a source, OptimisticQLearning, leaves "
+        f"{missing / (best - random):.3f} of the way from random play to the optimum in this "
+        f"budget ({missing:.1f} in mean return): no source can gain more likely costs more than it "
+        "brings: use OptimisticQLearning without a source (in a study file: learner.type = "
+        '"OptimisticQLearning", no sources) expected steps to the threshold'
+    )
+
+
+def test_of_an_optimum_that_may_be_exceeded_no_bound_is_claimed():
+    arms = {"scratch": arm_of([[0, 1]] * 2), "a": arm_of([[0, 2]] * 2)}
+    reference = Reference(1.0, random_return=0.0, optimum=2.0)
+    comparison = Comparison("t", arms, 10, 10, reference, 1)
+    sentence = headroom_sentence(comparison, "a")
+    assert sentence.endswith("optimum in this budget (1.5 in mean return)")
+    assert comparison.headroom("a") == 0.75
+    bounded = replace(comparison, reference=replace(reference, optimum_bounds=True))
+    assert headroom_sentence(bounded, "a") == f"{sentence}: no source can gain more"
+    for evaluation, bounds in (({}, True), ({"discounted": False}, False)):
+        target = target_of(LINE, cr.GreedyEvaluation(**evaluation))
+        assert Reference.of(target).optimum_bounds is bounds
+        assert Reference.of(target, stated=0.0).optimum_bounds is bounds
+    for unknown in (
+        {"optimum": None},
+        {"optimum": -1.0},
+        {"random_return": None},
+        {"optimum": 0.0},
+    ):
+        nothing = replace(comparison, reference=replace(reference, **unknown))
+        assert np.isnan(nothing.headroom("a"))
+        assert headroom_sentence(nothing, "a") == ""
+    above = replace(comparison, reference=replace(reference, optimum=0.25))
+    assert above.headroom("a") == 0.0  # by the noise of rollouts
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "learner", "written"),
+    [
+        ("scratch", {}, "the target's own learner", ""),
+        (
+            "scratch, initial_value=-100", {}, "the target's own learner with initial_value=-100",
+            "learner.initial_value = -100, ",
+        ),
+        (
+            "a, constant mean", {"curriculum": "a", "initial_values": np.array([2.0, 4.0] * 4)},
+            "the target's own learner with initial_value=3", "learner.initial_value = 3, ",
+        ),
+        ("scratch, SARSA", {}, "SARSA", 'learner.type = "SARSA", '),
+        ("scratch, mine", {}, "mine", ""),
+    ],
+)  # fmt: skip
+def test_what_to_use_instead_is_named_where_a_curriculum_costs_more(
+    name, settings, learner, written
+):
+    low, high = ([[height + 0.01 * k, height] for k in range(8)] for height in (0, 2))
+    arms = {"scratch": arm_of(low), name: arm_of(high, scratch=True, **settings), "a": arm_of(low)}
+    reference = Reference(1.0, random_return=-1.0, optimum=3.0)
+    comparison = Comparison("t", arms, 10, 10, reference, 1)
+    advice = f"use {learner} without a source (in a study file: {written}no sources)"
+    assert instead(comparison, "a") == advice
+    headroom = headroom_sentence(comparison, "a")
+    assert headroom.startswith(f"the best learner without a source, {learner}, leaves 0.246 of")
+    assert {headroom, f"instead of a, {advice}"} <= {*str(comparison).splitlines()}
+    (finding,) = findings(comparison)
+    assert {f"{line[0].upper()}{line[1:]}." for line in (headroom, advice)} <= {*finding.sentences}
+    better = replace(comparison, arms=arms | {"a": arm_of([[5, 5.0 + k] for k in range(8)])})
+    assert "without a source (in a study file" not in f"{better} {findings(better)}"
 
 
 # -- where there is none ---------------------------------------------------------------------------
@@ -377,6 +501,8 @@ def test_a_live_task_has_no_trial_and_its_words_are_weak():
         "cr.choose(..., on=) plays on a smaller relative"
     )
     assert foreseen.used.gain is None
+    assert np.isnan(foreseen.headroom)
+    assert "learner without a source" not in words_of(foreseen)
 
 
 OFF = cr.GreedyEvaluation(method="off")

@@ -349,7 +349,7 @@ def headroom_sentence(arms: MeasuredArms, name: str) -> str:
 def instead(arms: MeasuredArms, name: str) -> str:
     """Return the advice to use an arm's best opponent, and how to write that in a study file."""
     learner, written = _without_source(arms, name)
-    return f"use {learner} without a source (in a study file: {written}no transfers)"
+    return f"use {learner} without a source (in a study file: {written}no sources)"
 
 
 def _without_source(arms: MeasuredArms, name: str) -> tuple[str, str]:
