@@ -307,8 +307,8 @@ def test_a_source_that_pays_is_said_to_pay_and_by_how_much():
     assert "assumes" in foreseen.basis
     leaves = f"leaves {foreseen.headroom:.3f} of the way from random play to the optimum"
     assert re.match(
-        f"Forecast for 'far': the best learner without a source, the target's own learner, {leaves} "
-        rf"in this budget \(.+ in mean return\): no source can gain more likely pays "
+        "Forecast for 'far': the best learner without a source, the target's own learner, "
+        rf"{leaves} in this budget \(.+ in mean return\): no source can gain more likely pays "
         f"{re.escape(numbers)}; a trial in",
         words_of(foreseen),
     )
