@@ -416,8 +416,8 @@ def test_a_forecast_begins_with_what_the_best_learner_without_a_source_leaves():
         "Forecast for 'maze': the best learner without a source, OptimisticQLearning, leaves "
         f"{missing / (best - random):.3f} of the way from random play to the optimum in this "
         f"budget ({missing:.1f} in mean return): no source can gain more likely costs more than it "
-        "brings: use OptimisticQLearning without a source (in a study file: learner.type = "
-        '"OptimisticQLearning", no sources) expected steps to the threshold'
+        "brings: use OptimisticQLearning without a source (in a study file: learner = { "
+        'type = "OptimisticQLearning" }, no sources) expected steps to the threshold'
     )
 
 
@@ -459,7 +459,10 @@ def test_of_an_optimum_that_may_be_exceeded_no_bound_is_claimed():
             "a, constant mean", {"curriculum": "a", "initial_values": np.array([2.0, 4.0] * 4)},
             "the target's own learner with initial_value=3", "learner.initial_value = 3, ",
         ),
-        ("scratch, SARSA", {}, "SARSA", 'learner.type = "SARSA", '),
+        (
+            "scratch, OptimisticQLearning", {}, "OptimisticQLearning",
+            'learner = { type = "OptimisticQLearning" }, ',
+        ),
         ("scratch, mine", {}, "mine", ""),
     ],
 )  # fmt: skip

@@ -20,7 +20,7 @@ from curricle.comparison.measures import (
     MeasuredArms,
 )
 from curricle.comparison.verdicts import SIGNIFICANT, Verdict, not_known
-from curricle.learning.learners import LEARNERS_BY_NAME
+from curricle.learning.learners import OptimisticQLearning
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, clusters, interquartile_interval
 from curricle.text import counted, minus, or_dash, rounded
@@ -360,7 +360,8 @@ def _without_source(arms: MeasuredArms, name: str) -> tuple[str, str]:
     label = (_started(arms, best).strip(" ()") or best).removeprefix(f"{SCRATCH}, ")
     if label.startswith("initial_value="):
         return f"{own} with {label}", f"learner.{label.replace('=', ' = ')}, "
-    return label, f'learner.type = "{label}", ' * (label in LEARNERS_BY_NAME)
+    # A table that changed the type alone would keep the other learner's settings.
+    return label, f'learner = {{ type = "{label}" }}, ' * (label == OptimisticQLearning.__name__)
 
 
 def _started(arms: MeasuredArms, name: str) -> str:
