@@ -7,7 +7,7 @@ import pytest
 
 import curricle as cr
 from curricle.certificate import ShapingReward
-from curricle.learning import OptimisticQLearning, value_bounds
+from curricle.learning import OptimisticQLearning, RMax, value_bounds
 from tests.support.tasks import among_more_actions, dense_of, random_mdp, with_masks
 
 from .conftest import learn_naively, play_portfolio_naively
@@ -68,9 +68,10 @@ def test_a_portfolio():
     np.testing.assert_array_equal(result.training_return[0], naive.training_return)
 
 
-def test_an_optimist_learns_no_value_of_an_unavailable_action():
+@pytest.mark.parametrize("learner", [OptimisticQLearning(), RMax()])
+def test_an_optimist_learns_no_value_of_an_unavailable_action(learner):
     task = with_masks(random_mdp(6, n_actions=4, time_limit=8), 6)
-    result = cr.learn(task, OptimisticQLearning(), 5000)
+    result = cr.learn(task, learner, 5000)
     assert (np.isneginf(result.values[0]) == ~task.available).all()
     assert result.greedy_return[0, -1] > cr.planning.Target.of(task).random_return
 

@@ -22,6 +22,7 @@ LEARNERS = st.sampled_from(
         cr.SARSA(inverse_temperature=2.0),
         cr.DoubleQLearning(learning_rate=harmonic(), initial_value=-1.5),
         cr.learning.OptimisticQLearning(value_range=(-5.0, 9.0)),
+        cr.learning.RMax(value_range=(-5.0, 9.0), min_visits=3),
     ]
 )
 

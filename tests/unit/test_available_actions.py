@@ -11,7 +11,7 @@ import curricle as cr
 from curricle.comparison.task_differences import summary_differences, task_summary
 from curricle.errors import SettingError, TaskError
 from curricle.interop import from_gymnasium, tabulate, to_gymnasium
-from curricle.learning import OptimisticQLearning
+from curricle.learning import OptimisticQLearning, RMax
 from curricle.planning.rollouts import random_rollouts, rollout
 from curricle.tasks import ComputedMDP
 from curricle.transfer.rollouts import potential_return
@@ -294,8 +294,9 @@ def test_a_live_task_is_learnt_as_its_tables(kind, learner):
 
 def test_a_live_task_refuses_what_needs_masks_beforehand():
     live = from_gymnasium(Matches, discount=0.9, action_masks=True, time_limit=30)
-    with pytest.raises(SettingError, match="got OptimisticQLearning and dense"):
-        cr.learn(live, OptimisticQLearning(value_range=(-9, 0)), 100)
+    for kind in (OptimisticQLearning, RMax):
+        with pytest.raises(SettingError, match=f"got {kind.__name__} and dense"):
+            cr.learn(live, kind(value_range=(-9, 0)), 100)
     with pytest.raises(SettingError, match="got QLearning and sparse"):
         cr.learn(live, None, 100, storage=cr.Storage(kind="sparse"))
 

@@ -10,7 +10,7 @@ import pytest
 import curricle as cr
 from curricle import GridWorld
 from curricle.curriculum.curriculum import SETTINGS
-from curricle.learning import Learner, OptimisticQLearning, harmonic, linear
+from curricle.learning import Learner, OptimisticQLearning, RMax, harmonic, linear
 from curricle.learning.shaping import Shaping
 from curricle.study import StudyConfig, read_study
 from curricle.study.config import json_schema
@@ -178,6 +178,7 @@ SAID = [
         "{ type = 'OptimisticQLearning', value_range = [-3, 2.5], learning_rate = 0.5 }",
         OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5, epsilon=0.1),
     ),
+    (LEARNER, "{ type = 'RMax', min_visits = 5 }", RMax(min_visits=5, epsilon=0.1)),
     ("shaping", "{ portfolio = true }", cr.QInitialisation(portfolio=cr.Portfolio())),
     ("storage", "{ dtype = 'float32', memory_limit = '1 GiB' }", STORAGE),
     ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
@@ -306,6 +307,7 @@ MERGED = [
         {"learner": {"type": "SARSA"}},
         {"learner": {"type": "SARSA", "epsilon": 0.3}},
     ),
+    ({"learner": PLAIN}, {"learner": {"type": "RMax"}}, {"learner": {"type": "RMax"}}),
     (  # the keys of a maker's arguments are its own
         {"arguments": {"type": "ice", "map": "m", "size": {"type": 1, "rows": 2}}},
         {"arguments": {"type": "snow", "file": "f", "size": {"type": 2}}},

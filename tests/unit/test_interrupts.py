@@ -40,9 +40,10 @@ def ctrl_c():
             {"shaping": cr.QInitialisation(np.ones((5, 4)), portfolio=cr.Portfolio())},
         ),
         (cr.learning.OptimisticQLearning(), {}),
+        (cr.learning.RMax(), {}),
         (cr.QLearning(), {"evaluation": cr.GreedyEvaluation("rollouts", episodes=10**6)}),
     ],
-    ids=["fast", "general", "guarded", "optimistic", "rollouts"],
+    ids=["fast", "general", "guarded", "optimistic", "r_max", "rollouts"],
 )
 def test_an_interrupt_ends_learning(learner, settings, ctrl_c):
     settings = {"evaluation": EXACT, **settings}

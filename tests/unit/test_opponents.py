@@ -7,7 +7,7 @@ import curricle as cr
 from curricle import QLearning, compare
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, visited_states
 from curricle.errors import SettingError
-from curricle.learning import OptimisticQLearning, value_bounds
+from curricle.learning import OptimisticQLearning, RMax, value_bounds
 from curricle.study import run_study
 from curricle.study.arms import Arms
 from tests.support.comparisons import HERE, MAZE, copied, corner, pursuit
@@ -28,6 +28,7 @@ def test_all_of_them_play_unasked_and_each_can_be_left_out():
         ((), []),
         (("bounds",), [low, high]),
         (("optimistic",), [optimistic]),
+        (("model-based", "optimistic"), [optimistic, "scratch, RMax"]),
         (("constant",), OF_PHI),
     ):
         comparison = compare(corner(), seeds=1, opponents=opponents)
@@ -69,11 +70,11 @@ def test_a_constant_is_the_learner_with_another_initial_value_bit_for_bit(shapin
             np.testing.assert_array_equal(arm.curve.values[k], alone.greedy_return[0])
 
 
-def test_bounds_and_the_optimistic_learner_are_learners_from_scratch_bit_for_bit():
-    comparison = compare(corner(), seeds=2, opponents=["bounds", "optimistic"])
+def test_bounds_and_optimistic_learners_are_learners_from_scratch_bit_for_bit():
+    comparison = compare(corner(), seeds=2, opponents=["bounds", "optimistic", "model-based"])
     learners = [QLearning(initial_value=bound) for bound in value_bounds(MAZE)]
     for name, learner in zip(
-        comparison.scratches[1:], [*learners, OptimisticQLearning()], strict=True
+        comparison.scratches[1:], [*learners, OptimisticQLearning(), RMax()], strict=True
     ):
         alone = cr.learn(MAZE, learner, 3500, seeds=2, eval_freq=100, stream="maze")
         np.testing.assert_array_equal(comparison[name].curve.values, alone.greedy_return)

@@ -1,11 +1,11 @@
-"""The optimistic learner: what it takes from a task, and what it refuses."""
+"""The optimistic learners: what they take from a task, and what they refuse."""
 
 import numpy as np
 import pytest
 
 import curricle as cr
 from curricle.errors import SettingError
-from curricle.learning import OptimisticQLearning, value_bounds
+from curricle.learning import OptimisticQLearning, RMax, learners, trainers, value_bounds
 from curricle.learning.storage import Storage
 from tests.support.refusals import check_values
 from tests.support.tasks import ring, ring_by_tables
@@ -51,22 +51,58 @@ def test_settings_out_of_range_are_refused():
         OptimisticQLearning(epsilon=0.1, inverse_temperature=1.0)
 
 
+def test_r_max_has_rules_of_its_own():
+    wrong = {"min_visits": [0, 1.5], "backups": [0], "epsilon": [2.0], "value_range": [(2, 1)]}
+    check_values(SettingError, RMax, wrong)
+    with pytest.raises(TypeError, match="learning_rate"):
+        RMax(learning_rate=0.1)
+    filled = RMax().for_task(cr.GridWorld("S.T", discount=0.5))
+    assert (filled.value_range, filled.initial_value) == ((-2.0, 199.0), -2.0)
+    with pytest.raises(SettingError, match=r"RMax needs value_range=.*without tables"):
+        cr.learn(ring(), RMax(), 10)
+    learnt = cr.learn(ring(), RMax(value_range=(-10, 0)), 300, seeds=2, workers=1)
+    assert (learnt.greedy_return[:, -1] > learnt.greedy_return[:, 0]).all()
+    again = cr.learn(ring(), RMax(value_range=(-10, 0)), 300, seeds=2, workers=2)
+    np.testing.assert_array_equal(learnt.values, again.values)
+    with pytest.raises(SettingError, match=r"by QInitialisation alone: got LookAheadAdvice"):
+        cr.learn(cr.GridWorld("S.T"), RMax(), 10, shaping=cr.LookAheadAdvice(PAIRS))
+
+
+def test_a_model_is_bounded(monkeypatch):
+    monkeypatch.setattr(learners, "MOST_MODELLED", 2 * ring().states.size)
+    with pytest.raises(SettingError, match="at most 18 pairs;"):
+        cr.learn(ring(10), RMax(value_range=(-10, 0)), 10)
+    whole = cr.learn(ring(), RMax(value_range=(-10, 0)), 300, eval_freq=10)
+    monkeypatch.setattr(trainers, "MOST_OUTCOMES", 12)
+    short = cr.learn(ring(), RMax(value_range=(-10, 0)), 300, eval_freq=10)
+    assert (whole.out_of_memory.any(), short.out_of_memory.all()) == (False, True)
+    n = int(short.steps_used[0]) // 10 + 1
+    assert 1 < n < 31
+    np.testing.assert_array_equal(short.greedy_return[0, :n], whole.greedy_return[0, :n])
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_r_max_learns_a_long_hall_in_few_steps(dtype):
+    hall = cr.GridWorld("S" + "." * 60 + "T")
+    storage = Storage(dtype=dtype, save_values=False)
+    learnt = [cr.learn(hall, of, 1_000, storage=storage) for of in (RMax(), OptimisticQLearning())]
+    assert learnt[0].greedy_return[0, -1] > learnt[1].greedy_return[0, -1]
+
+
 PAIRS = np.zeros((3, 4))
 REFUSED = [
-    ({"shaping": cr.StateShaping(np.zeros(3))}, "by QInitialisation or LookAheadAdvice alone"),
-    ({"shaping": cr.RewardBonus(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
-    (
-        {"shaping": cr.QInitialisation(PAIRS, portfolio=cr.Portfolio())},
-        "a portfolio is for QLearning alone",
-    ),
+    ({"shaping": cr.StateShaping(np.zeros(3))}, "takes a potential by QInitialisation.* alone"),
+    ({"shaping": cr.RewardBonus(PAIRS)}, "takes a potential by QInitialisation.* alone"),
+    ({"shaping": cr.QInitialisation(PAIRS, portfolio=cr.Portfolio())}, "portfolio is for QLearning"),
     ({"storage": Storage(kind="sparse")}, "sparse tables are for QLearning"),
 ]
 
 
+@pytest.mark.parametrize("learner", [OptimisticQLearning(), RMax()])
 @pytest.mark.parametrize(("settings", "message"), REFUSED)
-def test_what_the_loop_does_not_support_is_refused(settings, message):
+def test_what_the_loop_does_not_support_is_refused(learner, settings, message):
     with pytest.raises(SettingError, match=message):
-        cr.learn(cr.GridWorld("S.T"), OptimisticQLearning(), 10, **settings)
+        cr.learn(cr.GridWorld("S.T"), learner, 10, **settings)
 
 
 def test_the_optimistic_table_starts_at_the_highest_value_whatever_q_starts_at():
@@ -76,3 +112,19 @@ def test_the_optimistic_table_starts_at_the_highest_value_whatever_q_starts_at()
         for value in (None, -10_000.0)
     ]
     assert returns[0] == returns[1] > 100
+
+
+@pytest.mark.parametrize("kind", [OptimisticQLearning, RMax])
+def test_optimistic_learners_are_learners_of_sources_and_targets(kind):
+    near, far = cr.GridWorld("S..T"), cr.GridWorld("S" + "." * 12 + "T")
+    plan = cr.Curriculum(
+        {"near": near, "far": far},
+        [cr.Transfer("near", "far", cr.project(far, near))],
+        learner=kind(),
+        budget={"near": 300, "far": 300},
+    )
+    assert plan.node("far").shaping == cr.QInitialisation()
+    learnt = plan.train(2)["far"]
+    alone = cr.learn(far, kind(), 300, seeds=2, stream="far")
+    assert learnt.learner == kind()
+    assert (learnt.values != alone.values).any()

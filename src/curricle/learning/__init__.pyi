@@ -5,6 +5,7 @@ from .learners import (
     Learner as Learner,
     OptimisticQLearning as OptimisticQLearning,
     QLearning as QLearning,
+    RMax as RMax,
     value_bounds as value_bounds,
 )
 from .portfolio import Portfolio as Portfolio

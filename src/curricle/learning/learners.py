@@ -1,14 +1,14 @@
 """The learners: an update rule, a learning rate and an exploration, and these compiled."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, IntArray
-from curricle.checks import number
+from curricle.checks import number, whole_number
 from curricle.errors import SettingError
 from curricle.learning.schedules import HARMONIC, ByVisits, Constant, Schedule, at, harmonic, within
 from curricle.planning.greedy import ONLY_ROW, highest
@@ -27,6 +27,7 @@ from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 from curricle.tasks.models import LARGEST_REWARD, OpenValues, drawn_among_available
 
 Q_LEARNING, SARSA_RULE, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)  # update rules
+MOST_MODELLED = 5_000_000  # pairs of which a model is kept
 
 
 class EpsilonGreedy(NamedTuple):
@@ -184,7 +185,39 @@ class DoubleQLearning(Learner):
 
 
 @dataclass(frozen=True)
-class OptimisticQLearning(Learner):
+class OptimisticLearner(Learner):
+    """A learner that acts on values which start at the highest value of the task."""
+
+    learning_rate: float | Schedule | None = None  # type: ignore[assignment]
+    initial_value: float | None = None  # type: ignore[assignment]
+    value_range: tuple[float, float] | None = None
+
+    update: ClassVar[int] = Q_LEARNING
+    tables: ClassVar[int] = 2
+    asks_task: ClassVar[bool] = True
+    shapings: ClassVar[tuple[str, ...]] = ("QInitialisation", "LookAheadAdvice")
+
+    def __post_init__(self) -> None:
+        bounds = value_range_of(type(self).__name__, self.value_range)
+        object.__setattr__(self, "value_range", bounds)
+        super().__post_init__()
+
+    def for_task(self, task: Task) -> Self:
+        """Return the learner with its task's settings; SettingError if the task determines none."""
+        bounds = self.value_range
+        if bounds is None:
+            if not has_tables(task):
+                raise SettingError(
+                    f"{type(self).__name__} needs value_range=(lowest, highest), as the rewards of "
+                    f"a task without tables are unknown: got {task!r}"
+                )
+            bounds = value_bounds(task)
+        initial = bounds[0] if self.initial_value is None else self.initial_value
+        return replace(self, initial_value=initial, value_range=bounds)
+
+
+@dataclass(frozen=True)
+class OptimisticQLearning(OptimisticLearner):
     """Q-learning that acts on values which start at the highest value of the task.
 
     It acts greedily on U(s,a) += alpha (r + gamma min(highest, max_b U(s',b)) - U(s,a)) (Even-Dar,
@@ -223,40 +256,83 @@ class OptimisticQLearning(Learner):
     np.float64(193.05)
     """
 
-    learning_rate: float | Schedule | None = None  # type: ignore[assignment]
-    initial_value: float | None = None  # type: ignore[assignment]
-    value_range: tuple[float, float] | None = None
-
-    update: ClassVar[int] = Q_LEARNING
-    tables: ClassVar[int] = 2
     counts: ClassVar[int] = 1
     default_epsilon: ClassVar[float] = 0.0
-    asks_task: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        bounds = value_range_of("OptimisticQLearning", self.value_range)
-        object.__setattr__(self, "value_range", bounds)
-        super().__post_init__()
 
     def for_task(self, task: Task) -> Self:
         """Return the learner with its task's settings; SettingError if the task determines none."""
         if self.learning_rate is None:
             horizon_of("OptimisticQLearning without learning_rate", task)
-        bounds = self.value_range
-        if bounds is None:
-            if not has_tables(task):
-                raise SettingError(
-                    "OptimisticQLearning needs value_range=(lowest, highest), as the rewards of a "
-                    f"task without tables are unknown: got {task!r}"
-                )
-            bounds = value_bounds(task)
-        initial = bounds[0] if self.initial_value is None else self.initial_value
-        return replace(self, initial_value=initial, value_range=bounds)
+        return super().for_task(task)
+
+
+@dataclass(frozen=True)
+class RMax(OptimisticLearner):
+    """R-max: it plans in a model of what it has seen, and hopes for the best of what it has not.
+
+    A pair's model is the mean reward and the frequencies of its outcomes so far. A pair tried less
+    than `min_visits` times is worth the highest value of the task, and actions are greedy on the
+    values of this model (Brafman, Tennenholtz 2002). Each step updates the values of two tables
+    backwards from states whose value has changed (van Seijen, Sutton 2013): that which is acted on,
+    and Q, in which untried pairs have the lowest value. Q is evaluated, returned and transferred.
+
+    With a potential phi by :class:`QInitialisation`, an untried pair is worth phi plus a tenth of
+    the range of phi's values, within the bounds of the task's values (Asmuth, Littman, Zinkov
+    2008). Other shapings, portfolios and sparse tables are refused.
+
+    Parameters
+    ----------
+    epsilon, inverse_temperature : optional
+        As for other learners. Without exploration an unlucky outcome of a pair may rule for good.
+    initial_value : float, optional
+        Q of an untried pair; the lowest value by default.
+    value_range : (float, float), optional
+        As for :class:`OptimisticQLearning`.
+    min_visits : int
+        Visits from which on a pair's model is used, m of R-max.
+    backups : int
+        Pairs of each table that a step updates, besides its own. The pairs that lead to a state are
+        updated together, so that there may be more.
+
+    Raises
+    ------
+    SettingError
+        When a number is out of range; by :func:`learn` when the task determines no range or has
+        more than 5,000,000 pairs.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, learn
+    >>> learn(GridWorld("S..T"), RMax(), budget=50).greedy_return[0, -1].round(2)
+    np.float64(193.05)
+    """
+
+    learning_rate: None = field(default=None, init=False, repr=False)
+    min_visits: int = 2
+    backups: int = 20
+
+    shapings: ClassVar[tuple[str, ...]] = ("QInitialisation",)
+    counts: ClassVar[int] = 3  # visits, mean rewards and lists of outcomes take as much
+
+    def __post_init__(self) -> None:
+        for name in ("min_visits", "backups"):
+            whole_number(f"{name} of RMax", getattr(self, name), 1, SettingError)
+        super().__post_init__()
+
+    def for_task(self, task: Task) -> Self:
+        """Return the learner with its task's settings; SettingError if the task is too large."""
+        model = generative_model(task)
+        if (pairs := model.states.size * model.actions.size) > MOST_MODELLED:
+            raise SettingError(
+                f"RMax keeps a model of every pair, for at most {MOST_MODELLED:,} pairs; "
+                f"OptimisticQLearning takes more: got {pairs:,}"
+            )
+        return super().for_task(task)
 
 
 LEARNERS_BY_NAME: dict[str, type[Learner]] = {
     kind.__name__: kind
-    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
+    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning, RMax)
 }
 """The learners that study files and files of results may name; they make no other class."""
 

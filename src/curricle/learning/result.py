@@ -429,7 +429,9 @@ def learner_record(learner: Any) -> dict[str, Any]:
     kind = type(learner)
     if LEARNERS_BY_NAME.get(kind.__name__) is not kind:
         return {"type": kind.__name__}
-    settings = {setting.name: getattr(learner, setting.name) for setting in fields(learner)}
+    settings = {
+        setting.name: getattr(learner, setting.name) for setting in fields(learner) if setting.init
+    }
     return {
         "type": kind.__name__,
         "settings": {

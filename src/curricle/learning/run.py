@@ -150,10 +150,10 @@ def learn(
         seeds=len(settings) if storage.save_values else max(1, threads),
         steps=longest,
     )
-    if masks_actions(task) and (rows or several or isinstance(learner, OptimisticQLearning)):
+    if masks_actions(task) and (rows or several or learner.asks_task):
         raise SettingError(
             "a live task with action_masks is learnt with dense tables, and not by "
-            "OptimisticQLearning or a portfolio, as its available actions are not known "
+            "OptimisticQLearning, RMax or a portfolio, as its available actions are not known "
             f"beforehand: got {type(learner).__name__}{' in a portfolio' * several} and "
             f"{'sparse' if rows else 'dense'} tables"
         )

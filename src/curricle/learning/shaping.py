@@ -15,7 +15,7 @@ from curricle.arrays import FloatArray, frozen
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.learning.general_loop import BONUS, PLAIN, STATE, ShapingKernel
-from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
+from curricle.learning.learners import Learner, OptimisticLearner, QLearning
 from curricle.learning.portfolio import Portfolio
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant
@@ -115,10 +115,10 @@ class Shaping(ABC):
             raise SettingError(
                 f"a portfolio is for QLearning alone, as its members are fixed: got {learner!r}"
             )
-        if isinstance(learner, OptimisticQLearning) and not self.starts_at_potential:
+        if isinstance(learner, OptimisticLearner) and self.name not in learner.shapings:
             raise SettingError(
-                "OptimisticQLearning has bounds of the task's own values, so it takes a potential "
-                f"by QInitialisation or LookAheadAdvice alone: got {self.name}"
+                f"{type(learner).__name__} has bounds of the task's own values, so it takes a "
+                f"potential by {' or '.join(learner.shapings)} alone: got {self.name}"
             )
 
     def for_task(self, task: Task) -> Self:

@@ -17,11 +17,14 @@ from curricle.learning.learners import (
     Q_LEARNING,
     Learner,
     OptimisticQLearning,
+    RMax,
     Visits,
 )
+from curricle.learning.model_based import LearntModel, Plan, train_in_model
 from curricle.learning.portfolio import (
     SOBER,
     Members,
+    Portfolio,
     Tally,
     bounds_by,
     longest_turn,
@@ -50,6 +53,7 @@ from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, available_actions
 from curricle.tasks.models import has_users_code
 
 NEAR = 32_768  # bytes of a table that stays in the processor's nearest cache
+MOST_OUTCOMES = 2**24  # of all pairs of a model, 20 bytes each
 UNROLLED = 64  # actions up to which a loop is compiled for their number: an eighth faster
 
 
@@ -128,6 +132,8 @@ class Run:
 
     def trainer(self, shaping: Shaping | None) -> "Trainer":
         """Return the trainer of the tables that a shaping needs."""
+        if isinstance(self.learner, RMax):
+            return train_model
         if self.plain(shaping):
             return train_sparse if self.rows else train_dense
         if shaping is not None and shaping.portfolio is not None:
@@ -271,6 +277,25 @@ def train_dense(run: Run, seed: Seed) -> Outcome:
     return run.outcome(seed, seed.out, totals)
 
 
+def train_model(run: Run, seed: Seed) -> Outcome:
+    """Train a learner that plans in a model: the table that it acts on, and that of Q."""
+    learner, phi, discount = run.learner, seed.initial, run.task.discount
+    assert isinstance(learner, RMax)
+    assert learner.value_range is not None
+    q, bounds = run.filled(None, seed.out), learner.value_range
+    acts = np.empty_like(q)
+    acts[...] = bounds[1] if phi is None else Portfolio().informed(phi, bounds)
+    learnt = LearntModel.empty(learner.min_visits, run.shape, min(run.longest, MOST_OUTCOMES))
+    optimistic, sober = (
+        Plan.of(run.dense(seed, table), bounds, discount) for table in (run.closed(acts), q)
+    )
+    learns = learnt, optimistic, sober, learner.backups
+    totals = run.loop(train_in_model, seed, learns, sober.table, acts[None])
+    q[run.only_ends(seed.record, q[None], None)] = 0.0
+    full = totals.steps < run.longest and len(learnt.outcomes) == learnt.used[0]
+    return run.outcome(seed, seed.out, totals, out_of_memory=full)
+
+
 def train_sparse(run: Run, seed: Seed) -> Outcome:
     """Train on a row for every state that is visited."""
     table = empty_sparse_table(run, seed)
@@ -318,7 +343,7 @@ def empty_sparse_table(run: Run, seed: Seed) -> SparseTable:
 def check_sparse(run: Run, settings: Sequence[SeedSettings]) -> None:
     """Raise SettingError unless sparse tables can be trained with every seed's shaping."""
     for shaping in (seed.shaping for seed in settings):
-        if not run.plain(shaping) or isinstance(run.learner, OptimisticQLearning):
+        if not run.plain(shaping) or run.learner.asks_task:
             entering = "no shaping" if shaping is None else shaping.name
             raise SettingError(
                 "sparse tables are for QLearning with QInitialisation or LookAheadAdvice, "

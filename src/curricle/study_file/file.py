@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from curricle.curriculum.curriculum import OF_TARGETS
 from curricle.errors import ConfigError, CurricleError
+from curricle.learning.learners import Learner
 from curricle.study_file.schema import (
     DEEP,
     LEARNERS,
@@ -110,10 +111,10 @@ def dotted(key: str) -> tuple[str, ...]:
 # -- From a file's tables to complete curricula: arms override the study, tasks the common settings
 
 SETTINGS = tuple(Settings.model_fields)
-LASTING = frozenset(SETTINGS).union(
-    frozenset.intersection(*(frozenset(kind.model_fields) for kind in LEARNERS))
-)
-"""Keys that mean the same in tables of every type."""
+OF_LEARNERS = frozenset(Learner.__dataclass_fields__)
+LASTING = frozenset(SETTINGS) | OF_LEARNERS
+"""Keys that mean the same in tables of every type, but for learners that lack one."""
+LACKING = {kind.__name__: OF_LEARNERS - set(kind.model_fields) for kind in LEARNERS}
 ALTERNATIVES = {
     "map": "file",
     "file": "map",
@@ -126,7 +127,8 @@ ALTERNATIVES = {
 def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> dict[str, Any]:
     """Return `base` with the entries of `patch` over it, key by key; transfers by their number."""
     changes_type = any(key in patch and patch[key] != base.get(key) for key in ("type", "family"))
-    result = {key: value for key, value in base.items() if not changes_type or key in LASTING}
+    lasting = LASTING - LACKING.get(str(patch.get("type")), set())
+    result = {key: value for key, value in base.items() if not changes_type or key in lasting}
     if changes_type and "family" in patch:  # a family determines the type
         result.pop("type", None)
     for key, value in patch.items():

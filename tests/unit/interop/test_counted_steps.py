@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning import OptimisticQLearning
+from curricle.learning import OptimisticQLearning, RMax
 
 PLACES = 6
 
@@ -50,6 +50,7 @@ RUNS = {
     "on-policy": {"learner": cr.SARSA()},
     "two tables": {"learner": cr.DoubleQLearning()},
     "optimistic": {"learner": OptimisticQLearning(value_range=(-20.0, 0.0))},
+    "model-based": {"learner": RMax(value_range=(-20.0, 0.0))},
     "sparse": {"storage": cr.Storage("sparse")},
     "from a start": {"shaping": cr.QInitialisation(PHI)},
     "shaped": {"shaping": cr.StateShaping(PHI)},
