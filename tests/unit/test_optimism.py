@@ -93,7 +93,7 @@ PAIRS = np.zeros((3, 4))
 REFUSED = [
     ({"shaping": cr.StateShaping(np.zeros(3))}, "takes a potential by QInitialisation.* alone"),
     ({"shaping": cr.RewardBonus(PAIRS)}, "takes a potential by QInitialisation.* alone"),
-    ({"shaping": cr.QInitialisation(PAIRS, portfolio=cr.Portfolio())}, "portfolio is for QLearning"),
+    ({"shaping": cr.QInitialisation(PAIRS, portfolio=cr.Portfolio())}, "portfolio"),
     ({"storage": Storage(kind="sparse")}, "sparse tables are for QLearning"),
 ]
 
