@@ -276,9 +276,9 @@ class RMax(OptimisticLearner):
     backwards from states whose value has changed (van Seijen, Sutton 2013): that which is acted on,
     and Q, in which untried pairs have the lowest value. Q is evaluated, returned and transferred.
 
-    With a potential phi by :class:`QInitialisation`, an untried pair is worth phi plus a tenth of
-    the range of phi's values, within the bounds of the task's values (Asmuth, Littman, Zinkov
-    2008). Other shapings, portfolios and sparse tables are refused.
+    With a potential phi by :class:`QInitialisation`, an untried pair that a source knows is worth
+    phi plus a tenth of the range of phi, within the bounds of the task's values (Asmuth, Littman,
+    Zinkov 2008). Other shapings, portfolios and sparse tables are refused.
 
     Parameters
     ----------
