@@ -1,6 +1,11 @@
 """Is the portfolio as good as the better of its learners? Bars: no loss above .1, 85 % of the gain.
 
-    python -m benchmarks.portfolio --split verification --seeds 20       # or unseen, development
+    python -m benchmarks.portfolio --split verification --seeds 20   # or unseen, development, blind
+    python -m benchmarks.portfolio --split blind --charged           # does the default pay?
+
+`--charged` compares each sensible pair's curriculum, nothing set but the target's budget, with all
+opponents: its verdict, the gain over the best opponent, what that opponent leaves to the optimum
+(all three as shares of the way), and the steps of the source as a share of the target's.
 
 Played are the sensible sources of the pairs, by their default budgets, each also negated, and two
 deceptive cases: lines whose near prize the source knows, and an inventory's negated potential (a
@@ -157,14 +162,59 @@ def played(pair: Pair, seeds: int) -> dict[str, Any]:
     return row
 
 
+def charged(pair: Pair, seeds: int) -> dict[str, Any]:
+    """Return the verdict on a pair's curriculum by default, and its figures."""
+    curriculum = pair.curriculum(
+        shaping=None, budget={"target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = cr.compare(curriculum, seeds=seeds, workers=1)
+    (arm,) = found.contrasts
+    random, optimum = levels(pair.target)
+    gain = found.contrasts[arm].strong_gain
+    parts = [part / (optimum - random) for part in (gain.estimate, gain.low, gain.high)]
+    cost = float(np.mean(found.arms[arm].curve.source_steps)) / pair.target_budget
+    return {
+        "pair": pair.name, "answer": found.contrasts[arm].answer, "gain": parts,
+        "headroom": found.headroom(arm), "cost": cost,
+    }  # fmt: skip
+
+
+def judge_charged(rows: list[dict[str, Any]]) -> None:
+    """Print how many pairs pay, by what the best opponent leaves."""
+    gains, room, costs = (
+        np.array([np.ravel(row[key])[0] for row in rows]) for key in ("gain", "headroom", "cost")
+    )
+    pays = np.array([row["answer"].startswith("pays") for row in rows])
+    for name, some in (("all", room > -1), (f"above {MOST_LOSS}", room > MOST_LOSS)):
+        print(
+            f"{name}: {pays[some].sum()} of {some.sum()} pay, mean gain {gains[some].mean():+.3f}; "
+            f"the source takes {np.median(costs[some]):.1%} of the target's steps (median)"
+        )
+
+
 def main() -> None:
     """Play all pairs, print a row for each and the bars."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--split", default="development")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--charged", action="store_true")
     settings = parser.parse_args()
     rows = []
+    if settings.charged:
+        sensible = [pair for pair in chosen(settings.split) if pair.kind != "negated"]
+        with ProcessPoolExecutor(settings.workers) as pool:
+            for row in pool.map(partial(charged, seeds=settings.seeds), sensible):
+                rows.append(row)
+                gain, low, high = row["gain"]
+                print(
+                    f"{row['pair'][:45]:46}{row['cost']:6.1%}  leaves {row['headroom']:4.2f}  "
+                    f"{gain:+.3f} [{low:+.3f}, {high:+.3f}]  {row['answer']}", flush=True,
+                )  # fmt: skip
+        judge_charged(rows)
+        return
     print(f"{'':46}cost share  " + "  ".join(f"{arm:>10}" for arm in (*RIVALS, "portfolio")))
     with ProcessPoolExecutor(settings.workers) as pool:
         for row in pool.map(partial(played, seeds=settings.seeds), chosen(settings.split)):
