@@ -73,8 +73,12 @@ def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):
     )
     own = read_study(file)
     assert all(study.tune.arms[arm] == own.arms[arm] for arm in own.arms)
+    assert own.arms["near"].tasks["line"].learner is None  # which its trials state
     rates = {
-        arm: [study.tune.arms[trial].tasks["line"].learner.learning_rate for trial in trials]
+        arm: [
+            (study.tune.arms[trial].tasks["line"].learner or cr.QLearning()).learning_rate
+            for trial in trials
+        ]
         for arm, trials in of_arm.items()
         if arm in own.arms
     }

@@ -176,7 +176,8 @@ def test_an_unrelated_source_never_pays_by_what_it_knows(by_values):
     for number in (343, PAID):
         _, target, source = unrelated(number)
         mapping = find_mappings(target, source, searches=SEARCHED)[0].mapping
-        plan = auto(target, source, mapping, budget={"source": 500, "target": 20_000})
+        budget = {"source": cr.StoppingRule(500), "target": 20_000}
+        plan = auto(target, source, mapping, budget=budget)
         asked = {"opponents": ["constant"], "controls": ["placebo", "unrelated"]}
         compared = compare(plan, seeds=10, **asked)
         answer = compared.contrasts["transfer"].answer

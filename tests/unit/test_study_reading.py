@@ -82,7 +82,7 @@ def test_every_seed_of_every_task_says_why_it_ended(finished, study):
     assert len(last) == 4 * len(study.record.keys)
     assert last["ends"].all()
     assert last["reason"].str.starts_with("ends; ").all()
-    assert set(last["criterion"]) <= {"threshold reached", "all steps used"}
+    assert set(last["criterion"]) <= {"threshold reached", "agreement reached", "all steps used"}
     rows = frame.filter(pl.col("task") == "corner", pl.col("arm") == "chain")
     assert (rows["level"] == 194.5).all()
     ended = rows.filter(pl.col("ends"))
