@@ -107,7 +107,6 @@ def test_a_source_ends_at_the_first_agreement_of_a_learnt_return_or_by_its_cap(m
     ended = cr.learn(task, OptimisticQLearning(), rule, eval_freq=eval_freq)
     n, agreement, greedy = len(ended.steps), whole.agreement[0], whole.greedy_return[0]
     np.testing.assert_array_equal(ended.agreement[0], agreement[:n])
-    assert (agreement <= 1 + 1e-9).all()
     met = [
         k + 1 >= patience
         and min(agreement[k + 1 - patience : k + 1]) >= 0.9
