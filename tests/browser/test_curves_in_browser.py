@@ -83,7 +83,7 @@ def test_hovered_values_are_those_of_the_data(visit, studies, panel, viewport):
 
 def test_an_arm_is_turned_off_and_on_by_its_name_and_seeds_are_lines(visit):
     page = visit("maze")
-    whole, button = picture(page), page.get_by_role("button", name="maze arm")
+    whole, button = picture(page), page.get_by_role("button", name="maze arm", exact=True)
     button.click()
     page.mouse.move(1, 1)
     assert picture(page) != whole

@@ -104,15 +104,18 @@ def note(record, stopping, reached, q, other):
     record.source_share[number] = reached.source_share
     record.agreement[number] = reached.agreement
     record.episodes[number] = reached.episodes
+    curves = record.greedy_return, record.agreement
+    record.stopped[0] = stops(stopping, *curves, number, reached.step)
+    missing = record.stopped[0]  # the next snapshot is of the end, where a rule ends the run
     for i in range(record.snapshot_at.shape[0]):
+        if missing and record.snapshot_at[i] >= number:
+            record.snapshot_at[i], missing = number, False
         if record.snapshot_at[i] == number:
             apart = q.shape[0] // record.snapshots.shape[1]
             for state in range(record.snapshots.shape[1]):
                 for action in range(q.shape[1]):
                     mean = 0.5 * (q[apart * state, action] + other[apart * state, action])
                     record.snapshots[i, state, action] = mean
-    curves = record.greedy_return, record.agreement
-    record.stopped[0] = stops(stopping, *curves, number, reached.step)
     return 1.0 if record.stopped[0] else 0.0
 
 
