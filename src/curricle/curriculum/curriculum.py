@@ -298,7 +298,7 @@ class Curriculum:
     ('chase', 'hunt')
     >>> result = curriculum.train(seeds=2)
     >>> result.source_steps("hunt")
-    array([ 600, 1100])
+    array([3600, 3600])
     """
 
     tasks: Mapping[str, Task]

@@ -231,7 +231,7 @@ def learn_fast(model, rule, tables, beside, members, course):
                 target = as_learnt(beside, q, reward)
                 if beside is not None and beside.visits.horizon > 0.0:
                     outcome = outcome_of(next_state, reward)
-                    rate = cautious = optimistic_rate(beside.visits, row, action, outcome)
+                    rate = optimistic_rate(beside.visits, row, action, outcome)
                     cautious = sober_rate(beside.visits, rate)
                 else:
                     rate = as_learnt(beside, q, rate_of(rule.learning_rate, row, action, step))
@@ -246,11 +246,9 @@ def learn_fast(model, rule, tables, beside, members, course):
                 target = reward
                 if not terminated:
                     target += discount * np.float64(learnt.row_max[next_row])
-                other, of_q = (
-                    Change(action, cautious, target, bits),
-                    of_width(learnt.q, learnt.width),
-                )
-                update(of_q, learnt.row_max, learnt.row_argmax, row, other)
+                of_q = of_width(learnt.q, learnt.width)
+                sober_change = Change(action, cautious, target, bits)
+                update(of_q, learnt.row_max, learnt.row_argmax, row, sober_change)
             if members is not None:
                 informed = optimistic = sober = q.dtype.type(reward)
                 if not terminated:

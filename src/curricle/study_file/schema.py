@@ -562,7 +562,7 @@ class Settings(Table):
     """Steps; { episodes = 800 }; or a stopping rule, { max_steps = 50_000, ... }. By default
     100_000 for the target. A source ends when its return has settled, when its optimistic values
     agree with the learnt ones, or after its steps: by default a tenth of the target's, which all
-    such sources share, and 10 for each pair that an optimistic learner learns."""
+    such sources share, or 3 % and 10 for each pair where an optimistic learner learns."""
     shaping: AnyShaping = None
     """How a potential, or a network, enters learning: its name, or { type = "QInitialisation",
     portfolio = true }, which is the default where it is possible."""
