@@ -495,12 +495,8 @@ class Curriculum:
         targets = [edge.target for edge in self.transfers if edge.source == name]
         if targets and isinstance(task, Miniatures):
             return self.setting("learner", targets[0])
-        if targets and not self.in_edges(name) and has_tables(task):
-            model, storage = generative_model(task), self.setting("storage", name)
-            bounded = model.discount < 1 or model.time_limit is not None
-            few = model.states.size * model.actions.size <= MOST_SHARED
-            if bounded and few and storage.kind != "sparse":
-                return OptimisticQLearning()
+        if targets and not self.in_edges(name) and has_tables(task) and self._suits_optimists(name):
+            return OptimisticQLearning()
         return QLearning()
 
     def _default_shaping(self, name: str) -> Shaping:
@@ -513,14 +509,18 @@ class Curriculum:
                 return WeightTransfer(kl=PULL)
         if isinstance(learner, DeepLearner) and not learner.may_start_at_potential:
             return StateShaping()
-        task, dense = self.tasks[name], self.setting("storage", name).kind != "sparse"
-        if isinstance(learner, QLearning) and dense and not masks_actions(task):
-            model = generative_model(task)
-            # The limit does not depend on the machine's memory.
-            fits = model.states.size * model.actions.size <= MOST_SHARED
-            if fits and (model.discount < 1 or model.time_limit is not None):
-                return QInitialisation(portfolio=Portfolio())
+        plain = isinstance(learner, QLearning) and not masks_actions(self.tasks[name])
+        if plain and self._suits_optimists(name):
+            return QInitialisation(portfolio=Portfolio())
         return QInitialisation()
+
+    def _suits_optimists(self, name: str) -> bool:
+        """Return whether a task has dense tables of few pairs, and a horizon."""
+        model = generative_model(self.tasks[name])
+        # The limit does not depend on the machine's memory.
+        few = model.states.size * model.actions.size <= MOST_SHARED
+        bounded = model.discount < 1 or model.time_limit is not None
+        return few and bounded and self.setting("storage", name).kind != "sparse"
 
     def _stated(self, which: str, name: str) -> Any:
         """Return a setting of a task as stated, else its default; None for an `unknown_value`."""

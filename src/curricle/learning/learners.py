@@ -433,13 +433,13 @@ def optimistic_rate(visits, row, action, outcome):
     """Count a visit; return 1 before outcomes differ, then (H + 1) / (H + n) at visit n."""
     most = (np.uint64(1) << visits.half) - np.uint64(1)
     word = np.uint64(visits.words[row, action])
-    n, seen = word & most, word >> visits.half
+    n, last_outcome = word & most, word >> visits.half
     if not visits.differ[0]:
-        if n > np.uint64(0) and seen != outcome & most:
+        if n > np.uint64(0) and last_outcome != outcome & most:
             visits.differ[0] = True
-        seen = outcome & most
+        last_outcome = outcome & most
     n += np.uint64(n < most)
-    visits.words[row, action] = (seen << visits.half) | n
+    visits.words[row, action] = (last_outcome << visits.half) | n
     if not visits.differ[0]:
         return 1.0
     return (visits.horizon + 1.0) / (visits.horizon + np.float64(n))

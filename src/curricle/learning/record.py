@@ -47,7 +47,7 @@ class Record(NamedTuple):
 
     training_return: FloatArray  # (T,) mean return of the episodes ended since the last checkpoint
     greedy_return: FloatArray  # (T,)
-    source_share: FloatArray  # (T,) chance that the source's learner of a portfolio acts a turn
+    source_share: FloatArray  # (T,) 1 where a portfolio's source is evaluated, else 0
     agreement: FloatArray  # (T,) of an optimistic learner's two values of an episode's start
     episodes: IntArray  # (T,)
     snapshot_at: IntArray  # (M,) checkpoints whose tables are kept

@@ -76,8 +76,8 @@ class LearningResult(Frozen):
         Mean undiscounted, unshaped return of the episodes that ended since the last checkpoint;
         NaN where none did.
     source_share : (K, T) float64
-        Probability with which the source's learner of a :class:`Portfolio` acts the next turn, by
-        the returns so far; 0.5 before there are any, NaN without a portfolio.
+        1 where the source's own policy is what is evaluated of a :class:`Portfolio`, 0 where the
+        sober learner is; NaN without a portfolio.
     agreement : (K, T) float64
         1 less by how much the optimistic value of the present episode's start exceeds the learnt
         one, as a share of the range of values; NaN but for :class:`OptimisticQLearning`.
