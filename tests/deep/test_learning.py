@@ -1,6 +1,7 @@
 """Training deep learners: curves, budgets, stopping and shapings."""
 
 import random
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,9 @@ import curricle as cr
 from curricle.deep import models
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues, acting
+from curricle.errors import CurriculumError
 from curricle.tasks.kernel import splitmix64, stream_start
+from curricle.transfer import FunctionValues, ObservationPotential
 from curricle.transfer.rollouts import Environments, mean_episode_return
 
 from .worlds import ACTOR as PPO, MAZE, one_hot, table_potential
@@ -222,3 +225,18 @@ def test_the_potential_is_added_to_values_learnt_with_state_shaping(observed):
     rows = np.eye(MAZE.states.size, dtype=np.float32)
     bare = cr.deep.NetworkValues(values.policy)
     assert values.v(rows) == pytest.approx(bare.v(rows) + phi.v(rows))
+
+
+def test_a_potential_by_hand_of_observations_is_a_value_source():
+    car = cr.observation_task("MountainCar-v0")
+    height = FunctionValues(state_values=lambda cars: cars[:, 0])
+    given_as = height, ObservationPotential.of(car, height), lambda task: height
+    for potential in given_as:
+        plan = cr.Curriculum({"car": car}, learner=cr.deep.DeepLearner("PPO"), potential=potential)
+        (phi,) = plan.potentials("car", {})
+        assert phi.v(np.array([[0.5, 0.0]])).tolist() == [0.5]
+        assert plan.setting("shaping", "car") == cr.StateShaping()
+    with pytest.raises(CurriculumError, match="the potential of 'car' cannot be used"):
+        replace(plan, potential=np.zeros((12, 4)))
+    with pytest.raises(CurriculumError, match="'placebo' needs numbered states"):
+        cr.compare({"car": plan}, controls=["placebo"])

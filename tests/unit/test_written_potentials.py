@@ -9,13 +9,11 @@ from hypothesis import given, settings, strategies as st
 
 import curricle as cr
 from curricle.curriculum.result import CurriculumResult
-from curricle.deep import DeepLearner
 from curricle.errors import ConfigError, CurriculumError
 from curricle.learning import OptimisticQLearning, linear
 from curricle.study import run_study
 from curricle.study.arms import Arms
 from curricle.study.auditing import as_fair
-from curricle.transfer import FunctionValues, ObservationPotential
 from tests.unit.test_curriculum import MAZE, TASKS, edges, same
 
 PHI = np.random.default_rng(0).normal(size=(12, 4))
@@ -132,21 +130,6 @@ def test_sources_and_one_by_hand_are_two_arms():
     words = "'far' has one by hand and the source 'near'; leave out one, or compare both"
     with pytest.raises(CurriculumError, match=words):
         cr.Curriculum(tasks, edges([("near", "far")]), potential={"far": PHI})
-
-
-def test_of_observations_it_is_a_value_source():
-    car = cr.observation_task("MountainCar-v0")
-    height = FunctionValues(state_values=lambda cars: cars[:, 0])
-    given_as = height, ObservationPotential.of(car, height), lambda task: height
-    for potential in given_as:
-        plan = cr.Curriculum({"car": car}, learner=DeepLearner("PPO"), potential=potential)
-        (phi,) = plan.potentials("car", {})
-        assert phi.v(np.array([[0.5, 0.0]])).tolist() == [0.5]
-        assert plan.setting("shaping", "car") == cr.StateShaping()
-    with pytest.raises(CurriculumError, match="the potential of 'car' cannot be used"):
-        replace(plan, potential=PHI)
-    with pytest.raises(CurriculumError, match="'placebo' needs numbered states"):
-        cr.compare({"car": plan}, controls=["placebo"])
 
 
 # -- compared, forecast, saved ---------------------------------------------------------------------
