@@ -1,4 +1,4 @@
-"""How often each kind of printed interval covers the truth: the table of docs/trust.md.
+"""How often each kind of printed interval covers the truth: tests/golden/interval_coverage.md.
 
 Nominal coverage is 95 %. Each entry is the share of simulated studies, in percent, whose interval
 covers the known truth, among those that have an interval (a sample without spread has none). One

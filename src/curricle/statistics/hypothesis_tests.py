@@ -67,7 +67,7 @@ def probability_of_improvement(
 
     It says how often a beats b (1/2 if neither is ahead), not by how much. The interval has a width
     even if every run of an arm beats every run of the other. It is too wide for matched seeds that
-    rise and fall together, and too short for spreads that differ by a factor of 5 (docs/trust.md).
+    rise and fall together, and too short for spreads that differ by a factor of 5.
     `a` and `b`, (K,), may differ in K and be infinite; a NaN makes the result NaN. SettingError on
     other arguments.
 
