@@ -464,6 +464,42 @@ def compare(
 
 
 @app.command()
+def verdict(
+    files: Annotated[
+        list[Path],
+        Argument(
+            help="CSV or Parquet with arm, seed, step and return; evaluations.npz or Monitor files "
+            "in ARM/SEED or ARM_SEED; or folders of them.",
+            show_default=False,
+        ),
+    ],
+    charge: Annotated[list[str] | None, Option(help="ARM=STEPS of pretraining.")] = None,
+    curriculum: Annotated[
+        list[str] | None, Option(help="An arm to judge that nothing is charged to.")
+    ] = None,
+    threshold: Annotated[float | None, Option(help="The return that counts as learnt.")] = None,
+    out: Annotated[Path | None, Option(help="Also write the report, one HTML page.")] = None,
+    explain: Explain = False,
+) -> None:
+    """Judge runs of any program: did pretraining pay, its steps charged against the other arms.
+
+    Steps are charged by --charge, or by a column "charged" of a table.
+    """
+    from curricle.cli.output import print_words, table_width
+    from curricle.comparison.other_runs import compare_files
+
+    charged = dict(text.rpartition("=")[::2] for text in charge or [])
+    comparison = compare_files(files, charged, curriculum or [], threshold)
+    print(comparison.text(table_width()))
+    if explain:
+        print_words()
+    if out is not None:
+        from curricle.show.report import page_of_runs, write_page
+
+        echo(f"Open {write_page(page_of_runs(comparison), out)}")
+
+
+@app.command()
 def paper(
     figure: Annotated[str, Option(help="1, 2, 3, 4, trust, hacking or all.")] = "all",
     seeds: Annotated[int, Option(help="Seeds for everything that is learnt.")] = 30,

@@ -61,6 +61,8 @@ class Comparison(MeasuredArms):
         Text that says that seeds of the plan are missing; then there are no verdicts and p-values.
     looks : tuple of int
         Numbers of seeds with which the study was finished before seeds were added.
+    remarks : tuple of str
+        Sentences on how runs of another program were read; none of a study.
     """
 
     def rows(self) -> list[dict[str, Any]]:

@@ -297,6 +297,7 @@ class MeasuredArms:
     failed: Mapping[str, Exception] = field(default_factory=dict)
     interim: str = ""
     looks: tuple[int, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -337,9 +338,14 @@ class MeasuredArms:
         return "" if self.nobody else self.reference.threshold_from
 
     @property
+    def baseline(self) -> str:
+        """The first opponent: scratch, unless runs of another program have other names."""
+        return SCRATCH if SCRATCH in self.arms else next(iter(self.arms))
+
+    @property
     def scratch(self) -> Arm:
         """The arm in which the target's own learner learns it from scratch."""
-        return self.arms[SCRATCH]
+        return self.arms[self.baseline]
 
     @cached_property
     def scratches(self) -> tuple[str, ...]:
@@ -377,7 +383,7 @@ class MeasuredArms:
     @cached_property
     def drawn(self) -> tuple[str, ...]:
         """The arms in figures: all but opponents that are neither scratch nor any arm's best."""
-        kept = {SCRATCH, *self.best_opponents}
+        kept = {self.baseline, *self.best_opponents}
         return tuple(name for name in self.arms if name in kept or name not in self.scratches)
 
     @property

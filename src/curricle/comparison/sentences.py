@@ -290,7 +290,15 @@ def lines_below(arms: MeasuredArms) -> list[str]:
         if arms.verdicts[name].direction > 0
     ]
     lines += [unlearnt(arms, name) or _level_sentence(arms, name) for name in arms.controls]
-    return [line for line in (*lines, not_known(list(arms.reasons.values()))) if line]
+    lines += [why_unknown(arms, list(arms.reasons)), *arms.remarks]
+    return [line for line in lines if line]
+
+
+def why_unknown(arms: MeasuredArms, names: Sequence[str]) -> str:
+    """Return a sentence on what tells why curricula pay; empty where it is known."""
+    open_ = not_known([arms.reasons[name] for name in names])
+    of_files = "by what it knows? Not known without a placebo: pretraining that teaches nothing"
+    return of_files if open_ and arms.remarks else open_
 
 
 def nothing_learnt(arms: MeasuredArms) -> str:
@@ -349,7 +357,8 @@ def headroom_sentence(arms: MeasuredArms, name: str) -> str:
 def instead(arms: MeasuredArms, name: str) -> str:
     """Return the advice to use an arm's best opponent, and how to write that in a study file."""
     learner, written = _without_source(arms, name)
-    return f"use {learner} without a source (in a study file: {written}no sources)"
+    in_file = f" (in a study file: {written}no sources)" * (not arms.remarks)
+    return f"use {learner} without a source{in_file}"
 
 
 def _without_source(arms: MeasuredArms, name: str) -> tuple[str, str]:
@@ -539,7 +548,7 @@ def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding
         remark = _gains_more(name, arms.control_verdicts[name], "controls")
         remarks.append(remark.removeprefix(f"{name} "))
     if name in arms.verdicts:
-        remarks += [headroom_sentence(arms, name), not_known([arms.reasons[name]])]
+        remarks += [headroom_sentence(arms, name), why_unknown(arms, [name])]
         remarks.append(instead(arms, name) * (tone == "costs"))
     lines += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
     control, gain = arms[name].control, contrast.strong_gain

@@ -185,13 +185,11 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         groups = [arms for arms in curricula.groups() if curricula.arms[arms[0]].has_potential]
         empty: Any = {"certificates": (), "left_out": (why,)}
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
-    styles = arm_styles(comparison)
-    columns = sentences.COLUMNS
-    films, not_shown = replays(curricula.only(styles), learnt, analysis)
+    values = _of_comparison(comparison, banner)
+    films, not_shown = replays(curricula.only(values["styles"]), learnt, analysis)
     # The replay to begin with: the first curriculum in the target.
     in_target = [film for film in films if film.task == comparison.target]
     curricula_first = [film for film in in_target if not {*film.arms} <= {*comparison.scratches}]
-    curves, panels = _curves(comparison)
     settings = [
         (arm, task, {"task": curricula.task(arm, task).text, **node.settings})
         for arm, record in curricula.arms.items()
@@ -204,34 +202,17 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         (*place, Markup("<br>").join(visible(f"{n}: {e}") for e, n in Counter(why).most_common()))
         for place, why in reasons.items()
     ]
-    total, budget = f"{comparison.total:,}", f"{comparison.budget:,}"
-    threshold = sentences.threshold_words(comparison)
-    facts = {
-        "arms": listed(comparison.arms),
-        "steps": f"{total} in all; the budget of the target is {budget}",
-        "threshold": f"{threshold}, smoothed over {counted(comparison.window, 'checkpoint')}",
-    }
+    facts = values["facts"]
     for last in study.runs[-1:]:
         facts |= {"file": last.file, "started": last.started, "seeds": seed_ranges(study.seeds)}
         facts |= {"commit": last.commit or "none", "Python": last.python, "machine": last.machine}
         facts |= last.versions
-    scripts = ["study.js", UPLOT, "curves.js", *["reload.js"] * bool(banner)]
-    values = {
+    values |= {
         "name": study.record.name,
-        "comparison": comparison,
-        "failed": {arm: in_words(error) for arm, error in comparison.failed.items()},
-        "styles": styles,
         "graphs": graphs(curricula, learnt, reasons),
         "with_scratch": SCRATCH in learnt,
         "audited": audit
         and (audit.sentence, {arm: audit.rows(arm) for arm in comparison.verdicts}),
-        "curves": curves,
-        "curve_data": curve_data(comparison, styles, panels),
-        "most_seeds": MOST_SEEDS,
-        "most_bands": MOST_BANDS,
-        "kinds": {
-            kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)
-        },
         "swept": effects_rows(effects_of(study)),
         "best": tuning_rows(study.record.tuned),
         "tuned": study.record.tuned,
@@ -243,17 +224,48 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         "first": next((film.key for film in [*curricula_first, *films]), ""),
         "not_shown": not_shown,
         "settings": _shared(settings),
-        "facts": facts,
         "reasons": [(task, listed(arms), ended) for arms, task, ended in _shared(ended)],
         "ends": ends,
-        "banner": banner,
-        "scripts": scripts,
         "data": {
             "replays": {film.key: film.data() for film in films},
             "palettes": {film.palette: shades_of(film.palette) for film in films},
         },
     }
     return render("study.html", values)
+
+
+def page_of_runs(comparison: Comparison) -> str:
+    """Return the page of runs of other programs, of which there is no study."""
+    values = _of_comparison(comparison) | dict.fromkeys(("audited", "swept", "best"))
+    values |= {"name": comparison.target, "data": {"replays": {}, "palettes": {}}}
+    return render("study.html", values)
+
+
+def _of_comparison(comparison: Comparison, banner: str = "") -> dict[str, Any]:
+    """Return what a page says of compared arms, without a study."""
+    styles, columns = arm_styles(comparison), sentences.COLUMNS
+    curves, panels = _curves(comparison)
+    total, budget = f"{comparison.total:,}", f"{comparison.budget:,}"
+    threshold = sentences.threshold_words(comparison)
+    return {
+        "comparison": comparison,
+        "failed": {arm: in_words(error) for arm, error in comparison.failed.items()},
+        "styles": styles,
+        "curves": curves,
+        "curve_data": curve_data(comparison, styles, panels),
+        "most_seeds": MOST_SEEDS,
+        "most_bands": MOST_BANDS,
+        "kinds": {
+            kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)
+        },
+        "facts": {
+            "arms": listed(comparison.arms),
+            "steps": f"{total} in all; the budget of the target is {budget}",
+            "threshold": f"{threshold}, smoothed over {counted(comparison.window, 'checkpoint')}",
+        },
+        "banner": banner,
+        "scripts": ["study.js", UPLOT, "curves.js", *["reload.js"] * bool(banner)],
+    }
 
 
 def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[str, Axes]]:
