@@ -1,11 +1,14 @@
 """Pages, and a browser that opens them offline."""
 
 import shutil
+from pathlib import Path
 
 import pytest
 
 import curricle as cr
+from curricle.comparison.other_runs import compare_files
 from curricle.paper.reproduce import reproduce
+from curricle.show.report import page_of_runs
 from tests.unit.show.studies import chain_plan, hunt_plan, maze_plan, page_of, record
 
 CHROMIUM = next(
@@ -14,6 +17,7 @@ CHROMIUM = next(
 OFF = ("gpu", "quic", "background-networking", "component-update", "sync")
 QUIET = ["--no-sandbox", "--no-first-run", *(f"--disable-{part}" for part in OFF)]
 DESK = {"width": 1200, "height": 900}
+RUNS = Path(__file__).parents[2] / "examples" / "other_runs" / "runs.csv"
 ODD = "<img src=x onerror=alert(1)>&\"' "
 
 
@@ -30,7 +34,8 @@ def studies():
     }
     study = record("many", many, 2)
     found["many"] = study.comparison, page_of(study)
-    return found
+    runs = compare_files([RUNS], {"pretrained": "4096"})
+    return found | {"runs": (runs, page_of_runs(runs))}
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 import pytest
 
 WIDTHS = [{"width": 360, "height": 740}, {"width": 1300, "height": 900}]
-PAGES = ["hunt", "maze", "chain", "many", "paper"]
+PAGES = ["hunt", "maze", "chain", "many", "runs", "paper"]
 
 # What lies in a box that scrolls, or in a picture, may reach further than the page.
 WIDER = """() => [...document.querySelectorAll("body *")].filter(e => {
