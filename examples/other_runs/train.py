@@ -31,6 +31,7 @@ def pole(half_length: float) -> gym.Env:
 
 def train(folder: Path, seed: int, pretrained: bool) -> None:
     """Train a network with one seed, and write its evaluations and its episodes."""
+    torch.set_num_threads(1)  # as small networks are slower with several
     settings = {"n_steps": 256, "batch_size": 64, "seed": seed, "device": "cpu"}
     target = make_vec_env(lambda: pole(HARD), n_envs=2, seed=seed, monitor_dir=str(folder))
     first = make_vec_env(lambda: pole(EASY), n_envs=2, seed=seed) if pretrained else target
@@ -43,10 +44,10 @@ def train(folder: Path, seed: int, pretrained: bool) -> None:
         judged, n_eval_episodes=3, eval_freq=EVAL_FREQ // 2, log_path=str(folder), verbose=0
     )
     model.learn(TARGET, callback=evaluation)
+    target.close()  # and the files of its monitors
 
 
 if __name__ == "__main__":
-    torch.set_num_threads(1)
     runs, rows = Path(sys.argv[1]), [("arm", "seed", "step", "return")]
     for arm in ARMS:
         for seed in SEEDS:

@@ -18,6 +18,7 @@ from curricle.comparison.other_runs import compare_files
 from curricle.errors import CurricleError, SettingError, StoreError
 from curricle.show.report import page_of_runs
 from tests.support.comparisons import corner
+from tests.support.pages import blocks, commands_of
 from tests.support.refusals import KINDS_OF_NO_FILE, no_file
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "other_runs" / "runs.csv"
@@ -152,6 +153,17 @@ def test_one_curriculum_of_one_opponent_is_printed_and_drawn(curricle):
     sections = re.findall(r'<section id="(\w+)"', page)
     assert sections == ["findings", "curves", "measures", "run"]
     assert re.findall(r'<a href="#(\w+)">', page) == sections
+
+
+def test_the_page_prints_what_it_says(curricle):
+    text = (EXAMPLE.parents[2] / "docs" / "howto" / "judge_other_runs.md").read_text("utf-8")
+    (block,) = (block for language, block in blocks(text) if language == "console")
+    there, command = commands_of(block)
+    assert there.line == "cd examples/other_runs"
+    shutil.copy(EXAMPLE, "runs.csv")
+    code, out, complaint = curricle(*command.line.split()[1:])
+    assert (code, complaint) == (0, "")
+    assert out.rstrip() == command.output.rstrip()
 
 
 # -- layouts -----------------------------------------------------------------------------------

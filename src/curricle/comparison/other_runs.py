@@ -221,12 +221,15 @@ def compare_files(
     else:
         reference = Reference(number("--threshold", threshold, SettingError), STATED)
     means = f", at means over {len(at) - 1} windows, as checkpoints differ" * (not shared)
+    cut = f", where {min(runs, key=lambda run: run.end)} ends" * (
+        len({int(run.steps[-1]) for run in runs}) > 1
+    )
     free = [name for name in judged if not any(run.charged for run in arms[name])]
     remarks = [
         f"a run is one seed, {len(arms[judged[0]])} an arm, paired {pairing}: intervals and tests "
         "are over these, and episodes and environments of a run are no runs",
-        f"compared from step {at[0]:,}, where {max(runs, key=lambda run: run.steps[0])} begins, to "
-        f"{total:,}, where {min(runs, key=lambda run: run.end)} ends, pretraining included{means}",
+        f"compared from step {at[0]:,} to {total:,}{cut}, which every run has, pretraining included"
+        f"{means}",
         *[f"no steps are charged to {listed(free)}: state any pretraining"] * bool(free),
     ]
     window = min(WINDOW, int(np.searchsorted(at, budget, side="right")))
