@@ -149,7 +149,9 @@ def test_one_curriculum_of_one_opponent_is_printed_and_drawn(curricle):
     page = Path("page.html").read_text("utf-8")
     assert page == page_of_runs(compare_files([EXAMPLE], CHARGE))
     assert "A run is one seed, 8 an arm" in page
-    assert not re.search("study file|curriculum study|snapshots|Certificates", page)
+    assert not re.search("study file|curriculum study|snapshots|Certificates|random policy", page)
+    assert "is at the first return of scratch." in page
+    assert page.count("greedy") == 1  # in what the columns mean
     sections = re.findall(r'<section id="(\w+)"', page)
     assert sections == ["findings", "curves", "measures", "run"]
     assert re.findall(r'<a href="#(\w+)">', page) == sections
@@ -262,7 +264,7 @@ def test_a_run_that_ends_early_ends_the_comparison_and_is_named():
     cut = table[~((table.arm == "alone") & (table.seed == 3) & (table.step > 800))]
     comparison = compare_files([written(cut)], {})
     assert (comparison.total, comparison.budget) == (800, 800)
-    assert "to 800, where seed 3 of 'alone' ends" in " ".join(comparison.remarks)
+    assert "from 0 to 800, where seed 3 of 'alone' ends" in " ".join(comparison.remarks)
 
 
 def test_seeds_pair_by_number_or_in_order():

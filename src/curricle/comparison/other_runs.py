@@ -151,10 +151,10 @@ def read_runs(paths: Sequence[Path]) -> list[Run]:
             cells = usual | row
             if lacking := [part for part in NEEDED if cells.get(part) is None]:
                 raise StoreError(
-                    f"results need {listed(NEEDED)}, where the path of a run may name "
-                    f"the first two as ARM/7 or ARM_7: {place} has no {listed(lacking)}"
+                    f"results need {listed(NEEDED)}, where the path of a run may name the first "
+                    f"two as ARM/7 or ARM_7: {place} has no {listed(lacking)}"
                 )
-            name = cells["arm"] if isinstance(cells["arm"], bytes) else str(cells["arm"])
+            name: Any = cells["arm"] if isinstance(cells["arm"], bytes) else str(cells["arm"])
             fit_name(f"an arm in {place}", name, StoreError)
             run = name, _whole("seed", cells["seed"], place)
             step, charged = (_whole(part, cells[part], place) for part in ("step", "charged"))
@@ -220,7 +220,7 @@ def compare_files(
         reference = Reference(None, f"midpoint of {rivals[0]}'s curve").after(first.curve)
     else:
         reference = Reference(number("--threshold", threshold, SettingError), STATED)
-    means = f", at means over {len(at) - 1} windows, as checkpoints differ" * (not shared)
+    means = f"; at means over {len(at) - 1} windows, as checkpoints differ" * (not shared)
     cut = f", where {min(runs, key=lambda run: run.end)} ends" * (
         len({int(run.steps[-1]) for run in runs}) > 1
     )
@@ -228,8 +228,8 @@ def compare_files(
     remarks = [
         f"a run is one seed, {len(arms[judged[0]])} an arm, paired {pairing}: intervals and tests "
         "are over these, and episodes and environments of a run are no runs",
-        f"compared from step {at[0]:,} to {total:,}{cut}, which every run has, pretraining included"
-        f"{means}",
+        "compared over the steps that every run has, pretraining included: from "
+        f"{at[0]:,} to {total:,}{cut}{means}",
         *[f"no steps are charged to {listed(free)}: state any pretraining"] * bool(free),
     ]
     window = min(WINDOW, int(np.searchsorted(at, budget, side="right")))

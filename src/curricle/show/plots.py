@@ -305,7 +305,8 @@ def _draw_arms(panels: Mapping[Axes, bool], comparison: Comparison, most: int = 
     # In which the threshold can be seen.
     ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
     for axes in panels:
-        return_scale(axes.yaxis, float(min(ends)), float(max(ends)), GREEDY_RETURN)
+        returns = "return" if comparison.remarks else GREEDY_RETURN
+        return_scale(axes.yaxis, float(min(ends)), float(max(ends)), returns)
 
 
 def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]:

@@ -373,6 +373,7 @@ def curve_data(
 
     return {
         "digits": digits,
+        "returns": "return" if comparison.remarks else "greedy return",
         "most_bands": MOST_BANDS,
         "threshold": None if comparison.nobody else comparison.threshold,
         "threshold_words": minus(f"{comparison.threshold:.4g}"),

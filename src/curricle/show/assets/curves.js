@@ -102,7 +102,7 @@ document.addEventListener("DOMContentLoaded", () => {
       scales: { x: { time: false }, y: { ...y, range } },
       axes: [
         { ...axis, label: panel === "strong" ? "target and source steps" : "target steps", space: 80 },
-        { ...axis, label: `greedy return${data.symlog ? ", asinh scale" : ""}`, size: 64 },
+        { ...axis, label: `${data.returns}${data.symlog ? ", asinh scale" : ""}`, size: 64 },
       ],
       series: [{}, ...series],
       bands: arms.map((arm, n) => ({ series: [3 * n + 2, 3 * n + 1], fill: () => (banded(arm) ? `${arm.colour}2e` : null) })),
