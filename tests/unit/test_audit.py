@@ -1,20 +1,25 @@
 """Audits: as configured, then fair; equal trials for every arm, and one sentence."""
 
+from collections import Counter
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import curricle as cr
 from curricle.errors import ConfigError
 from curricle.show.report import write_audit
 from curricle.study import Audit, audit, read_study
-from curricle.study.auditing import as_configured, as_fair, levels
+from curricle.study.auditing import HEADS, RULE, as_configured, as_fair
+from curricle.study.tried import levels, potential_of
 
+OPTIMIST = "scratch, OptimisticQLearning"
 STUDY = """
 name = "line"
 seeds = 8
 budget = 1_500
 eval_freq = 50
+shaping = "QInitialisation"
 [tasks.line]
 type = "maze"
 map = "S......T"
@@ -63,85 +68,220 @@ def test_only_arms_that_gain_more_than_their_placebos_pay_by_what_they_know():
     assert said.startswith("Shown to pay as configured: nobody learnt; against fair opponents: kn")
 
 
+def variants_of(study, arm):
+    """Return the values of an arm's trials, and their plans."""
+    tune = study.tune
+    trials = [trial for trial, variant in tune.variants.items() if variant.arm == arm]
+    plans = {**tune.scratches, **tune.arms}
+    return [tune.variants[trial].values for trial in trials], [plans[trial] for trial in trials]
+
+
 def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):
-    study = as_fair(read_study(file), 3)
-    of_arm = dict.fromkeys(study.variants, ())
-    for trial, variant in study.tune.variants.items():
-        of_arm[variant.arm] += (trial,)
-    assert {arm: len(trials) for arm, trials in of_arm.items()} == dict.fromkeys(
-        ("scratch", "near", "quick"), 4
-    )
     own = read_study(file)
+    study = as_fair(own, 3)
+    number = Counter(variant.arm for variant in study.tune.variants.values())
+    informed = "near, informed optimist"  # and quick's, which would be the same
+    # five settings of an arm that starts at phi: of scratch three times as many trials, too
+    assert number == dict.fromkeys(["scratch", OPTIMIST, "near", "quick", informed], 3 * 5 + 1)
     assert all(study.tune.arms[arm] == own.arms[arm] for arm in own.arms)
     assert own.arms["near"].tasks["line"].learner is None  # which its trials state
-    rates = {
-        arm: [
-            (study.tune.arms[trial].tasks["line"].learner or cr.QLearning()).learning_rate
-            for trial in trials
-        ]
-        for arm, trials in of_arm.items()
-        if arm in own.arms
-    }
+    near, plans = variants_of(study, "near")
+    quick, quick_plans = variants_of(study, "quick")
+    keys = ["learning_rate", "initial_value", "epsilon", "scale", "source_steps"]
+    assert near[0] == quick[0] == {}
+    assert all([*values] == keys for values in near[1:])
     # also where an arm or a source sets the rate itself; the points are the same for all
-    assert rates["near"][0] == 0.1
-    assert rates["quick"][0] == 0.9
-    assert rates["near"][1:] == rates["quick"][1:]
-    assert len({*rates["near"]}) == 4
-    second = study.tune.arms[of_arm["near"][1]].tasks
-    assert second["end"].learner.learning_rate == second["line"].learner.learning_rate
-    assert second["end"].learner.initial_value == 0.0 != second["line"].learner.initial_value
-    plans = {**study.tune.arms, **study.tune.scratches}
-    points = [
-        [plans[trial].tasks["line"].learner for trial in of_arm[arm][1:]]
-        for arm in ("scratch", "near")
-    ]
-    assert points[0] == points[1]
+    assert quick_plans[0].tasks["line"].learner.learning_rate == 0.9
+    assert [of["learning_rate"] for of in near[1:]] == [of["learning_rate"] for of in quick[1:]]
+    for values, plan in zip(near[1:], plans[1:], strict=True):
+        target, source = plan.tasks["line"], plan.tasks["end"]
+        assert source.learner.learning_rate == target.learner.learning_rate
+        assert target.learner.initial_value == values["initial_value"]
+        assert target.learner.epsilon == values["epsilon"]
+        assert source.learner.epsilon is None
+        assert source.learner.initial_value == 0.0
+        assert plan.transfers[0].scale == values["scale"]
+        assert source.budget == values["source_steps"]
+    steps = [values["source_steps"] for values in near[1:]]
+    assert 5 <= min(steps) < 20 < 60 < max(steps) <= 100
     configured = as_configured(own)
     assert (configured.played, configured.controls) == ((), None)
-    assert study.played == ("constant", "bounds", "optimistic")
+    assert study.played == ("constant", "bounds")  # the optimistic learner is an arm
     assert study.controls == ("placebo",)
+
+
+def test_the_optimistic_learner_is_tuned_too_and_keeps_its_own_in_a_quarter(file):
+    values, plans = variants_of(as_fair(read_study(file), 8), OPTIMIST)
+    assert len(values) == 41
+    for key in ("learning_rate", "value_range", "epsilon"):
+        assert len([of for of in values[1:] if key not in of]) == pytest.approx(10, abs=2)
+    low = cr.learning.value_bounds(cr.GridWorld("S......T"))[0]
+    for of, plan in zip(values, plans, strict=True):
+        learner = plan.tasks["line"].learner
+        assert learner.type == "OptimisticQLearning"
+        top = of.get("value_range")
+        assert learner.value_range == (None if top is None else (low, top))
+
+
+def test_a_schedule_and_a_temperature_are_kept_or_tried(file):
+    rate = "learner={type='QLearning',epsilon={type='linear',first=1.0,last=0.1,steps=900}}"
+    values, plans = variants_of(as_fair(read_study(file, set=[rate]), 8), "scratch")
+    kept = [plan for of, plan in zip(values[1:], plans[1:], strict=True) if "epsilon" not in of]
+    assert len(kept) == pytest.approx(10, abs=2)
+    assert {plan.tasks["line"].learner.epsilon.type for plan in kept} == {"linear"}
+    soft = "learner={type='QLearning',inverse_temperature=0.2}"
+    values, plans = variants_of(as_fair(read_study(file, set=[soft]), 8), "near")
+    tried = [of["inverse_temperature"] for of in values[1:]]
+    assert (min(tried), max(tried)) == (pytest.approx(0.02, rel=0.2), pytest.approx(2, rel=0.2))
+    assert all(plan.tasks["line"].learner.epsilon is None for plan in plans)
+
+
+def test_an_informed_optimist_has_the_potential_and_the_sources_of_its_arm(file):
+    own = read_study(file)
+    study = as_fair(own, 2)
+    assert [*study.arms] == ["near", "quick", "near, informed optimist"]
+    curriculum = study.curricula["near, informed optimist"]
+    assert curriculum.setting("shaping", "line") == cr.QInitialisation(
+        portfolio=cr.learning.Portfolio()
+    )
+    assert study.arms["near, informed optimist"].transfers == own.arms["near"].transfers
+    values, plans = variants_of(study, "near, informed optimist")
+    portfolio = plans[-1].tasks["line"].shaping.portfolio
+    assert portfolio.margin == values[-1]["margin"]
+    assert portfolio.optimist == values[-1]["optimist"]
+    # an arm that is one already has none beside it
+    portfolio = as_fair(
+        read_study(file, set=["shaping={type='QInitialisation',portfolio=true}"]), 2
+    )
+    assert [*portfolio.arms] == ["near", "quick"]
 
 
 def test_further_learners_and_the_arms_of_a_sweep_are_tuned_too(file):
     changes = ["scratch_learners.bold.initial_value=5.0", "sweep.tasks.end.budget=[50,100]"]
     study = as_fair(read_study(file, set=changes), 2)
-    trials = [variant.arm for variant in study.tune.variants.values()]
-    arms = {*study.arms, "scratch", "scratch, bold"}
-    assert {arm: trials.count(arm) for arm in trials} == dict.fromkeys(arms, 3)
-    assert len(study.arms) == 4
+    number = Counter(variant.arm for variant in study.tune.variants.values())
+    assert number == dict.fromkeys([*study.arms, "scratch", "scratch, bold", OPTIMIST], 11)
+    assert len(study.arms) == 6  # a budget of the source each, of three arms
     bold = study.tune.scratches["scratch, bold"].tasks["line"].learner
     assert bold.initial_value == 5.0
 
 
+def test_budgets_of_sources_are_shortened_by_their_kind(file):
+    rule = "tasks.end.budget={max_steps=100,min_steps=40,fraction=0.9}"
+    _, plans = variants_of(
+        as_fair(read_study(file, set=[rule, "tasks.end.eval_freq=30"]), 4), "near"
+    )
+    budgets = [plan.tasks["end"].budget for plan in plans]
+    assert all(of.fraction == 0.9 and of.min_steps == min(40, of.max_steps) for of in budgets)
+    freqs = [plan.tasks["end"].eval_freq for plan in plans]
+    assert freqs == [min(30, of.max_steps) for of in budgets]
+    assert min(freqs) < 30
+    episodes = ["tasks.end.budget={episodes=100}", "tasks.end.time_limit=20"]
+    _, plans = variants_of(as_fair(read_study(file, set=episodes[:1]), 4), "near")
+    assert {plan.tasks["end"].budget.episodes for plan in plans} > {100}
+
+
 def test_levels_run_from_the_random_policy_to_the_optimum():
     line = cr.GridWorld("S..T", rewards=cr.Rewards(step=-1.0, treasure=0.0), discount=0.5)
-    assert levels(line) == {"low": pytest.approx(-1.96, abs=0.05), "high": 0.0}
-    assert levels(line, [-9.0, 2.0]) == {"low": -9.0, "high": 2.0}
+    # the optimum of the states -1.75, -1.5 and -1
+    assert levels(line) == pytest.approx((-1.96, -1.75, 0.0), abs=0.05)
+    assert levels(line, 0.0, [-9.0, 2.0]) == pytest.approx((-9.0, -1.75, 2.0))
     endless = cr.GridWorld("S..T", rewards=cr.Rewards(step=-1.0), discount=1.0)
-    assert levels(cr.tasks.LiveMDP) is None
-    assert levels(endless) == {"low": 0.0, "high": 199.0}
+    assert levels(cr.tasks.LiveMDP) == ()
+    assert (levels(endless)[0], levels(endless)[-1]) == (0.0, 199.0)
+
+
+@pytest.mark.parametrize("shaping", ["StateShaping", "QInitialisation"])
+def test_levels_of_an_arm_are_those_of_what_its_q_learns(file, shaping):
+    study = as_fair(read_study(file, set=[f"shaping={shaping}"]), 20)
+    curriculum = study.curricula["near"]
+    line, end = curriculum.tasks["line"].mdp, curriculum.tasks["end"].mdp
+    best, source = cr.solve(line), cr.solve(end).action_values
+    phi = np.zeros((8, 4))
+    phi[4:] = source[:4]
+    if shaping == "StateShaping":
+        phi = np.repeat(phi.max(axis=1, keepdims=True), 4, axis=1)
+    np.testing.assert_allclose(np.broadcast_to(potential_of(curriculum), phi.shape), phi)
+    learnt = (best.action_values - phi)[~line.terminal]
+    tried = [of["initial_value"] for of in variants_of(study, "near")[0][1:]]
+    low, high = min(0.0, learnt.min()), learnt.max()
+    assert low - 100 <= min(tried) <= max(tried) <= high
+    scratch = [of["initial_value"] for of in variants_of(study, "scratch")[0][1:]]
+    assert np.median(tried) < np.median(scratch)
+
+
+def test_a_potential_that_is_the_optimum_is_learnt_from_zero():
+    line = cr.GridWorld("S..T", discount=0.5)
+    q = cr.solve(line).action_values
+    known = cr.Curriculum({"line": line}, potential={"line": q})
+    np.testing.assert_allclose(potential_of(known), q)
+    lowest, high = levels(line, potential_of(known))
+    assert high == 0.0
+    assert lowest < 0  # what a random policy earns, less phi
+
+
+def test_the_fair_half_is_checked_before_anything_runs(file, tmp_path):
+    # the name of an arm that only the fair half has
+    text = STUDY.replace("[arms.quick]", '[arms."near, constant mean"]')
+    clash = file.with_name("clash.toml")
+    clash.write_text(text)
+    with pytest.raises(cr.errors.CurriculumError, match="names two"):
+        audit(clash, tmp_path / "out", trials=1, progress=False)
+    assert not (tmp_path / "out").exists()
 
 
 def test_both_are_run_and_said(audited, tmp_path):
     assert isinstance(audited, Audit)
     assert audited.configured.comparison.scratches == ("scratch",)
-    assert "scratch, OptimisticQLearning" in audited.fair.comparison.scratches
+    assert OPTIMIST in audited.fair.comparison.scratches
     assert audited.sentence.startswith("Shown to pay as configured: ")
     text = str(audited)
-    for part in ("near", "quick", "as configured", "fair", "verdict"):
+    for part in ("near", "quick", *HEADS, "verdict", "near, informed optimist", "16 trials of "):
         assert part in text
+    tuned = audited.fair.record.tuned.arms
+    assert {of.trials for of in tuned.values()} == {16}
+    assert tuned[OPTIMIST].settings == ("learning_rate", "value_range", "epsilon")
+    assert tuned["near"].words.startswith(
+        "16 trials of learning_rate, initial_value, epsilon, scale"
+    )
+    assert {of.finalists for of in tuned.values()} <= {5, 6}
+    runs = 16 * 3 + tuned["near"].finalists * 30
+    assert audited.fair.record.tuned.steps("near") == runs * 1_600
     page = write_audit(audited, tmp_path / "audit.html").read_text()
     assert audited.sentence in page
     assert "What survives?" in page
+    assert RULE in page
+    assert all(head in page for head in HEADS)
     assert "near" in page
 
 
-def test_where_nobody_learnt_there_is_a_verdict_alone(audited, monkeypatch):
+def test_each_column_has_its_own_opponent(audited):
+    comparison = audited.fair.comparison
+    rows = {measure: cells for measure, *cells in audited.rows("near")}
+    best = comparison.best_opponent("near")
+    assert rows["opponent"] == ["scratch", "scratch", best]
+    assert rows["verdict"][2] == comparison.contrasts["near"].answer
+    assert rows["verdict"][1] == comparison.against("scratch")["near"].against_scratch
+    assert rows["trials of the arm"][0] == "-"  # as configured nothing is tuned
+    informed = {measure: cells for measure, *cells in audited.rows("near, informed optimist")}
+    assert {cells[0] for cells in informed.values()} == {"-"}
+
+
+def test_the_same_learner_is_of_the_class_of_the_arm(audited, monkeypatch):
+    assert audited.same_learner("near") == "scratch"
+    settings = audited.fair.record.arms["near"].nodes["line"].settings
+    assert settings["learner"].startswith("QLearning(")
+    monkeypatch.setitem(settings, "learner", "OptimisticQLearning()")
+    assert audited.same_learner("near") == OPTIMIST
+    monkeypatch.setitem(settings, "learner", "SARSA(epsilon=0.1)")
+    assert audited.same_learner("near") == "scratch"
+
+
+def test_where_nobody_learnt_there_is_a_verdict_and_what_was_tuned(audited, monkeypatch):
     for side in (audited.configured, audited.fair):
         monkeypatch.setitem(vars(side.comparison), "nobody", "nobody learnt")
-    *measures, verdict = audited.rows("near")
-    assert {(before, after) for _, before, after in measures} == {("-", "-")}
-    assert verdict[0] == "verdict"
+    measures = [measure for measure, *_ in audited.rows("near")]
+    assert measures == ["verdict", "trials of the arm", "trials of it"]
 
 
 def test_a_stopped_audit_goes_on(file, audited):

@@ -312,12 +312,15 @@ def audit(
     out: Annotated[str | None, Option(help="Folder of the results; FILE-audit by default.")] = None,
     seeds: Seeds = None,
     changes: Changes = None,
-    trials: Annotated[int, Option(min=1, max=100, help="Trials of every arm, also scratch.")] = 20,
+    trials: Annotated[
+        int, Option(min=1, max=100, help="Trials of every arm for each setting of the largest.")
+    ] = 10,
 ) -> None:
     """Run a study as configured, then against fair opponents, and say what of it survives.
 
-    Fair: the learning rate and the level of Q are tuned for every arm by equally many trials, and
-    all opponents and placebos play. An audit that was stopped goes on.
+    Fair: every arm, scratch and the optimistic learner too, is tuned by equally many trials, all
+    opponents and placebos play, and an optimist that explores by the arm's potential. An audit that
+    was stopped goes on.
     """
     from curricle.cli.output import table_width
     from curricle.cli.progress_bars import run_with_bars

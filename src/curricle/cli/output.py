@@ -112,7 +112,7 @@ def print_effects(results: StudyResults) -> None:
     if tuned is not None:
         print()
         print_text(
-            f"tuned on {numbered_seeds(tuned.seeds)}, {tuned.total:,} steps a trial and seed, "
+            f"tuned on {tuned.on_seeds}, {tuned.total:,} steps a trial and seed, "
             "sources included; these steps are shown here and not charged to the curves"
         )
         best = list[tuple[str, ...]]()

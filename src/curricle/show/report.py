@@ -32,7 +32,7 @@ from curricle.arrays import FloatArray
 from curricle.checks import listed
 from curricle.comparison import sentences
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.plan import numbered_seeds, seed_ranges
+from curricle.comparison.plan import seed_ranges
 from curricle.errors import SettingError, StoreError, in_words
 from curricle.files import Place, place_at, write_whole
 from curricle.show.graph import graphs
@@ -47,7 +47,7 @@ from curricle.show.plots import (
 from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, shades_of
 from curricle.statistics.curves import SCRATCH
-from curricle.study.auditing import Audit
+from curricle.study.auditing import HEADS, RULE, Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord, TunedRecord
 from curricle.study.results import StudyResults
 from curricle.study.tuning import Level, effects_of, short
@@ -86,7 +86,7 @@ def render(template: str, values: Mapping[str, object]) -> str:
     environment.globals.update(sentences=sentences, forest=forest)
     # A sentence's negative numbers with a minus sign in place of the hyphen.
     environment.filters["signs"] = partial(re.sub, r"(?<![\w)\]])-(?=\d)", "−")
-    environment.filters.update(evidence=_evidence, numbered_seeds=numbered_seeds)
+    environment.filters["evidence"] = _evidence
     environment.filters.update(rounded=rounded, listed=listed, counted=counted)
     return environment.get_template(template).render(values)
 
@@ -212,7 +212,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         "graphs": graphs(curricula, learnt, reasons),
         "with_scratch": SCRATCH in learnt,
         "audited": audit
-        and (audit.sentence, {arm: audit.rows(arm) for arm in comparison.verdicts}),
+        and (audit.sentence, [*HEADS], RULE, {arm: audit.rows(arm) for arm in comparison.verdicts}),
         "swept": effects_rows(effects_of(study)),
         "best": tuning_rows(study.record.tuned),
         "tuned": study.record.tuned,

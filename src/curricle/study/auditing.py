@@ -1,34 +1,40 @@
 """Audits: the gains of a study as configured, and what of them survives fair opponents.
 
 As configured the opponents are learning from scratch and the learners that the file names. Fair is:
-the learning rate of every arm, scratch too, and the level at which Q starts in the target are the
-best of equally many trials, one with the file's settings; all opponents play, free of charge; arms
-have placebos. Both charge sources, and are studies in subfolders, which go on if they were stopped.
+every arm, scratch and the optimistic learner too, has its best of equally many trials, one with its
+own settings; all opponents play, free of charge; arms have placebos; and beside an arm plays the
+informed optimist, which explores by the arm's potential. Both charge sources, and are studies in
+subfolders, which go on if they were stopped.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from curricle.checks import listed, whole_number
-from curricle.comparison.opponents import OPPONENTS, starts_anywhere
+from curricle.comparison.opponents import OPPONENTS, Opponent, unasked_learners
 from curricle.comparison.sentences import short
 from curricle.errors import ConfigError, SettingError
-from curricle.planning.solution import evaluate, solve
 from curricle.statistics.curves import SCRATCH
-from curricle.study.arms import scratch_data
+from curricle.study.arms import Arms, scratch_data
 from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.results import StudyResults
 from curricle.study.running import check_runnable, run_study
 from curricle.study.store import remove_parts
-from curricle.study_file.vary import all_tuned
-from curricle.tasks.mdp import has_tables, tables
+from curricle.study.tried import tried
+from curricle.study_file.vary import Raw
 from curricle.text import UNBOUNDED, folded, text_table
 
 CONFIGURED, FAIR = "configured", "fair"  # the subfolders of an audit
-RATES = {"low": 0.02, "high": 1.0, "log": True}  # learning rates that are tried
-TRIALS = 20  # of every arm, besides its own settings
+HEADS = ("as configured", "fair, the same learner", "fair, the best opponent")
+INFORMED = "informed optimist"
+OPTIMIST: tuple[Opponent, ...] = ("optimistic",)  # which is tuned, too
+TRIALS = 10  # for each setting of the arm that has most
+RULE = (
+    "All arms, scratch and the optimistic learner too, have one number of trials, in proportion to "
+    "the settings of the arm that has most."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,57 +61,54 @@ class Audit:
         names = zip((pay, still, knows), none, strict=True)
         return said.format(*(listed(arms) or nothing for arms, nothing in names))
 
-    def rows(self, arm: str) -> list[tuple[str, str, str]]:
-        """Return the table of an arm: each measure as configured, and fair."""
-        before, after = (_measures(side, arm) for side in (self.configured, self.fair))
-        return [(measure, text, after[measure]) for measure, text in before.items()]
+    def same_learner(self, arm: str) -> str:
+        """Return the arm from scratch whose learner is of an arm's class, by default scratch."""
+        target, arms = self.fair.record.target, self.fair.record.arms
+        kinds = {name: of.nodes[target].settings["learner"] for name, of in arms.items()}
+        kinds = {name: learner.partition("(")[0] for name, learner in kinds.items()}
+        tuned = (name for name in self.fair.comparison.scratches if not arms[name].control_of)
+        return next((name for name in tuned if kinds[name] == kinds[arm]), SCRATCH)
+
+    def rows(self, arm: str) -> list[tuple[str, ...]]:
+        """Return the table of an arm: each measure in three columns, :data:`HEADS`."""
+        before, comparison = self.configured.comparison, self.fair.comparison
+        played = arm in before.verdicts  # an informed optimist is not
+        own = _measures(self.configured, arm, before.best_opponent(arm)) if played else {}
+        rivals = self.same_learner(arm), comparison.best_opponent(arm)
+        columns = [own, *(_measures(self.fair, arm, rival) for rival in rivals)]
+        knows = comparison.knowledge_verdicts.get(arm)
+        if knows is not None and not comparison.nobody:
+            columns[2]["gains more than placebos and constants"] = str(knows)
+        measures = dict.fromkeys(measure for column in columns[::-1] for measure in column)
+        return [(of, *(column.get(of, "-") for column in columns)) for of in measures]
 
     def text(self, width: int = UNBOUNDED) -> str:
         """Return the sentence, and a table for each arm, in lines of at most `width` characters."""
         lines = [folded(self.sentence, width)]
         for arm in self.fair.comparison.verdicts:
-            lines += [
-                "",
-                *text_table((arm, "as configured", "fair"), self.rows(arm), width, prose=True),
-            ]
+            lines += ["", *text_table((arm, *HEADS), self.rows(arm), width, prose=True)]
         return "\n".join(lines)
 
     __str__ = text
 
 
-def _measures(results: StudyResults, arm: str) -> dict[str, str]:
-    """Return the measures of an arm in one of the studies, as text."""
-    comparison = results.comparison
-    rival, contrast = comparison.best_opponent(arm), comparison.contrasts[arm]
-    knows = comparison.knowledge_verdicts.get(arm)
-    times = [comparison.times(name) for name in (arm, SCRATCH, rival)]
-    steps = ["> " * (not of.reached.all()) + f"{of.steps.mean():,.0f}" for of in times]
-    measures = {
-        "gain over scratch, sources free": short(comparison.weak_gain(arm, SCRATCH)),
-        "gain over scratch": short(comparison.against(SCRATCH)[arm].gain),
-        "best opponent": str(rival),
-        "gain over the best opponent": short(contrast.strong_gain),
-        "steps until learnt: it, scratch, the best opponent": "; ".join(steps),
-        "gains more than placebos and constants": "not asked" if knows is None else str(knows),
-    }
-    shown = dict.fromkeys(measures, "-") if comparison.nobody else measures
-    return {**shown, "verdict": contrast.answer}
-
-
-def levels(task: object, stated: Sequence[float] = ()) -> dict[str, float] | None:
-    """Return the range of the levels of Q that are tried; None for a task that is not solved."""
-    # From the random policy's value, or the lowest optimal value, to the highest optimal value; 0
-    # and the levels that the file states are in it.
-    if not has_tables(task):
-        return None
-    mdp = tables(task)
-    try:
-        best, start = solve(mdp), evaluate(mdp, mdp.random_policy).start_value
-    except SettingError:  # without a discount values can be too large for an error bound
-        return None
-    values = best.action_values[~mdp.terminal]
-    low, high = min(0.0, start, values.min(), *stated), max(0.0, values.max(), *stated)
-    return {"low": float(low), "high": float(high)} if low < high else None
+def _measures(results: StudyResults, arm: str, rival: str) -> dict[str, str]:
+    """Return the measures of an arm against an opponent in one of the studies, as text."""
+    comparison, tuned = results.comparison, results.record.tuned
+    best = rival == comparison.best_opponent(arm)
+    contrast, verdict = comparison.contrasts[arm], comparison.against(rival)[arm]
+    measures = {"verdict": contrast.answer if best else verdict.against_scratch}
+    if not comparison.nobody:
+        times = [comparison.times(name) for name in (arm, rival)]
+        steps = ["> " * (not of.reached.all()) + f"{of.steps.mean():,.0f}" for of in times]
+        gain = contrast.strong_gain if best else verdict.gain
+        measures |= {"opponent": rival, "gain over it": short(gain)}
+        measures["gain over it, sources free"] = short(comparison.weak_gain(arm, rival))
+        measures["steps until learnt: the arm; it"] = "; ".join(steps)
+    for owner, name in (("the arm", arm), ("it", rival)):
+        if tuned is not None and name in tuned.arms:
+            measures[f"trials of {owner}"] = tuned.arms[name].words
+    return measures
 
 
 def as_configured(study: StudyConfig) -> StudyConfig:
@@ -118,19 +121,40 @@ def as_configured(study: StudyConfig) -> StudyConfig:
     return study.varied(opponents=study.opponents or (), own_learners=True)
 
 
+def with_settings(plan: Raw, task: str, **settings: Any) -> dict[str, Any]:
+    """Return an arm as data with other settings of a task."""
+    return {**plan, "tasks": {**plan["tasks"], task: {**plan["tasks"][task], **settings}}}
+
+
 def as_fair(study: StudyConfig, trials: int = TRIALS) -> StudyConfig:
-    """Return the study against fair opponents, to be tuned first."""
-    data, first = study.to_data(), next(iter(study.curricula.values()))
-    space: dict[str, Any] = {"learner": {"learning_rate": RATES}}
-    learners = [arm.setting("learner", first.target) for arm in study.curricula.values()]
-    stated = [learner.initial_value for learner in learners if starts_anywhere(learner)]
-    if range_ := levels(first.tasks[first.target], stated):
-        space["tasks"] = {first.target: {"learner": {"initial_value": range_}}}
+    """Return the study against fair opponents, to be tuned first.
+
+    Every arm has `trials` for each setting of the arm that has most, and one with its own settings.
+    """
     number = whole_number("trials of an audit", trials, 1, SettingError)
-    tuning = {"trials": number, "space": space}
-    fields = all_tuned(data["arms"], scratch_data(data, first.target), tuning)
+    curricula = study.scratch_curricula()
+    data, target = study.to_data(), curricula[SCRATCH].target
+    alone, arms = scratch_data(data, target), data["arms"]
+    for name, optimist in unasked_learners(OPTIMIST, {**curricula}):
+        label, kind = f"{SCRATCH}, {name}", type(optimist.setting("learner", target)).__name__
+        alone[label] = with_settings(alone[SCRATCH], target, learner={"type": kind})
+        curricula[label] = optimist
+    curricula |= study.curricula
+    shaping = {"type": "QInitialisation", "portfolio": {}}
+    informs: dict[str, Any] = {"learner": {"type": "QLearning"}, "shaping": shaping}
+    for arm, curriculum in study.curricula.items():
+        node, label = curriculum.node(target), f"{arm}, {INFORMED}"
+        if node.deep or node.shaping.portfolio or not curriculum.has_potential(target):
+            continue
+        informed = curriculum.replace(target, learner=None, shaping=None)
+        plan = with_settings(data["arms"][arm], target, **informs)
+        # Not once more for an arm that differs in its target's learner alone.
+        if informed.setting("shaping", target).portfolio and plan not in arms.values():
+            arms, curricula = {**arms, label: plan}, {**curricula, label: informed}
+    fields = tried({**alone, **arms}, curricula, number, [*alone])
+    played = [name for name in OPPONENTS if name not in OPTIMIST]
     controls = [*dict.fromkeys((*(study.controls or ()), "placebo"))]
-    return study.varied(**fields, opponents=OPPONENTS, controls=controls, own_learners=True)
+    return study.varied(**fields, opponents=played, controls=controls, own_learners=True)
 
 
 def audit(
@@ -143,14 +167,15 @@ def audit(
 ) -> Audit:
     """Run a study as configured and against fair opponents into a folder; return both.
 
-    `trials` are of every arm, besides its own settings; `run` is called with each study, its
+    `trials` are for each setting of the arm that has most; `run` is called with each study, its
     folder and `settings`, such as ``workers``. ConfigError if the study is tuned or chosen, or is
-    not compared with scratch.
+    not compared with scratch; other errors of either study, too, before anything is run.
     """
     read = study_of(study)
     sides = {CONFIGURED: as_configured(read), FAIR: as_fair(read, trials)}
-    for side in sides.values():  # both, before the first runs
+    for side in sides.values():
         check_runnable(side)
+        Arms.of(side)  # its names and controls, which its trials do not have
     folder = Path(path)
     remove_parts(folder)  # of its page
     return Audit(*(run(of, str(folder / at), resume=True, **settings) for at, of in sides.items()))

@@ -245,6 +245,8 @@ class Trials(Table):
     """The trials of a tuning: the fields in which the study of the trials differs."""
 
     seeds: tuple[int, ...]
+    final_seeds: tuple[int, ...] = ()
+    """Seeds on which the best trials of each arm are played again."""
     arms: dict[str, ArmTables]
     scratches: dict[str, ArmTables]
     variants: dict[str, VariantRecord]
@@ -302,7 +304,8 @@ class StudyConfig(RunTable):
             raise wrong_at((("choose",), text))
         if self.choose and max(self.seeds) >= FIRST_SEED:
             raise wrong_at((("seeds",), f"must be below {FIRST_SEED:,}: those are of trials"))
-        if self.tune and (both := sorted({*self.tune.seeds} & {*self.seeds})):
+        of_tune = {*self.tune.seeds, *self.tune.final_seeds} if self.tune else set[int]()
+        if both := sorted(of_tune & {*self.seeds}):
             text = f"must be none of the study's seeds: {both[0]} is one"
             raise wrong_at((("tune", "seeds"), text))
         return self
@@ -446,6 +449,7 @@ class StudyConfig(RunTable):
     def trials(self) -> Self:
         """The study whose arms are the trials of this study's tuning."""
         fields = {**self.data["tune"], "controls": None, "tune": None, "own_learners": True}
+        del fields["final_seeds"]
         made = self.varied(**fields, opponents=(), snapshots=0)
         trials = {
             (False, name): of for (trial, name), of in self._positions.varied.items() if trial

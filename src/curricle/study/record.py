@@ -18,11 +18,13 @@ from pydantic import (
 )
 
 from curricle.arrays import FloatArray, IntArray
-from curricle.checks import LONGEST_NAME, unfit_name
+from curricle.checks import LONGEST_NAME, listed, unfit_name
 from curricle.comparison.measures import Reference
+from curricle.comparison.plan import numbered_seeds
 from curricle.comparison.task_differences import TaskSummary
 from curricle.pictures.views import MOST_CELLS, GridView, Marker
 from curricle.statistics.curves import SCRATCH
+from curricle.text import counted
 
 # -- Parts of records: plain data of fixed types, with arrays as lists of numbers ------------------
 
@@ -161,22 +163,37 @@ class TunedArm(Plain, strict=False):
     """The best trial of an arm."""
 
     trials: Count  # number of its trials
+    finalists: Count = 0  # that were played again on the final seeds
     score: float | None
     """Mean return over all steps, sources charged, averaged over the tuning's seeds; None if not
     finite."""
     values: dict[str, Any]  # by their keys in the file
+    settings: tuple[str, ...] = ()  # that its trials varied
+
+    @property
+    def words(self) -> str:
+        """What was tuned, over how many trials, as text."""
+        return f"{counted(self.trials, 'trial')} of {listed(self.settings) or 'nothing'}"
 
 
 class TunedRecord(Plain, strict=False):
     """A complete tuning, whose trials are stored as a separate study."""
 
     seeds: tuple[Count, ...] = Field(min_length=1)
+    final_seeds: tuple[Count, ...] = ()
     total: Count  # steps a trial and seed, sources included
     arms: dict[str, TunedArm]
 
+    @property
+    def on_seeds(self) -> str:
+        """The seeds of its trials, as text."""
+        further = f", the best of each arm on {numbered_seeds(self.final_seeds)} too"
+        return numbered_seeds(self.seeds) + further * bool(self.final_seeds)
+
     def steps(self, arm: str) -> int:
         """Return the steps of an arm's trials, summed over seeds."""
-        return self.arms[arm].trials * len(self.seeds) * self.total
+        of = self.arms[arm]
+        return (of.trials * len(self.seeds) + of.finalists * len(self.final_seeds)) * self.total
 
 
 class ArmRecord(Plain):

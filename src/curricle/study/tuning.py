@@ -38,7 +38,10 @@ from curricle.text import counted
 #
 # All arms, learning from scratch too, have equally many trials on the same seeds, which are none of
 # the study's seeds. The score of a trial is the measure by which arms are compared: the mean return
-# over all steps, sources charged.
+# over all steps, sources charged. With final seeds the best trials of each arm are played on these,
+# too, and judged by all: a setting that fails in one seed of twenty shines in three.
+
+FINALISTS = 5  # of each arm
 
 Tried = Callable[[Arms, Sequence[int], str], StudyResults]
 """Trains some arms of trials on further seeds, under a title, and returns their results."""
@@ -57,32 +60,52 @@ def settled(study: StudyConfig, trials: StudyConfig, tried: Tried) -> StudyConfi
         return chosen_study(study, trials, choice.name, str(choice))
     # If they are all stored, this only completes their folder.
     results = tried(arms, trials.seeds, f"tuning: {counted(len(arms.curricula), 'trial')}")
+    if study.tune and study.tune.final_seeds:
+        part, seeds = finalists(study, arms, results), (*trials.seeds, *study.tune.final_seeds)
+        results = tried(part, seeds, f"tuning: {counted(len(part.curricula), 'trial')} again")
     return study if study.tuned else tuned_study(study, results)
+
+
+def scores_of(tune: Any, trials: StudyResults) -> dict[str, dict[str, float]]:
+    """Return arm -> trial -> mean return, -inf if it is not finite; an arm's first trial first."""
+    scores = dict[str, dict[str, float]]()
+    for trial, returns in trials.comparison.returns.items():
+        mean = float(returns.mean())
+        of_arm = scores.setdefault(tune["variants"][trial]["arm"], {})
+        of_arm[trial] = mean if math.isfinite(mean) else -math.inf
+    return scores
+
+
+def finalists(study: StudyConfig, arms: Arms, trials: StudyResults) -> Arms:
+    """Return the trials of a tuning that are played again: the best of each arm, and its first."""
+    tune, kept = study.data["tune"], set[str]()
+    for scores in scores_of(tune, trials).values():
+        kept |= {next(iter(scores)), *sorted(scores, key=lambda trial: -scores[trial])[:FINALISTS]}
+    return arms.without(tune["variants"].keys() - kept)
 
 
 def tuned_study(study: StudyConfig, trials: StudyResults) -> StudyConfig:
     """Return a study with the best settings of each arm, the first ones if several are best."""
-    plain, returns = study.to_data(), trials.comparison.returns
-    tune, best = plain["tune"], dict[str, str]()
-    scores = {trial: float(values.mean()) for trial, values in returns.items()}
-    of_arm = {trial: variant["arm"] for trial, variant in tune["variants"].items()}
-    for trial, arm in of_arm.items():
-        finite = math.isfinite(scores[trial])
-        if arm not in best or (finite and not scores[trial] <= scores[best[arm]]):
-            best[arm] = trial
-    fields = {
+    plain, arms, best = study.to_data(), dict[str, TunedArm](), dict[str, str]()
+    tune = plain["tune"]
+    for arm, scores in scores_of(tune, trials).items():
+        best[arm] = max(scores, key=lambda trial: scores[trial])
+        values, score = tune["variants"][best[arm]]["values"], scores[best[arm]]
+        plain["variants"][arm]["values"] |= values
+        tried = [of["values"] for of in tune["variants"].values() if of["arm"] == arm]
+        arms[arm] = TunedArm(
+            trials=len(tried),
+            finalists=len(scores) if tune["final_seeds"] else 0,
+            score=score if math.isfinite(score) else None,
+            values=values,
+            settings=tuple(dict.fromkeys(key for values in tried for key in values)),
+        )
+    fields: dict[str, Any] = {
         which: {arm: tune[which][best[arm]] for arm in plain[which]}
         for which in ("arms", "scratches")
     }
-    arms = dict[str, TunedArm]()
-    for arm, variant in plain["variants"].items():
-        values, score = tune["variants"][best[arm]]["values"], scores[best[arm]]
-        variant["values"] |= values
-        number = [*of_arm.values()].count(arm)
-        arms[arm] = TunedArm(
-            trials=number, score=score if math.isfinite(score) else None, values=values
-        )
-    tuned = TunedRecord(seeds=trials.record.seeds, total=trials.record.total or 0, arms=arms)
+    seeds = {key: tune[key] for key in ("seeds", "final_seeds")}
+    tuned = TunedRecord(**seeds, total=trials.record.total or 0, arms=arms)
     fields |= {"variants": plain["variants"], "tuned": tuned.model_dump(mode="json")}
     return study.varied(**fields, own_learners=True, tune=None)
 
@@ -92,10 +115,17 @@ def tuned_before(study: StudyConfig, path: Place) -> StudyConfig:
     if study.tune is None or not holds_study(path / TRIALS):
         return study
     trials, store = study.trials, StudyStore(path / TRIALS)
-    arms = Arms.of(trials)
-    if units_of(trials, arms, store.finished(without=store.damaged_units())):
+    arms, done = Arms.of(trials), store.finished(without=store.damaged_units())
+    if units_of(trials, arms, done):
         return study
-    return tuned_study(study, StudyResults(store, study_record(trials, arms)))
+    results = StudyResults(store, study_record(trials, arms))
+    if further := study.tune.final_seeds:
+        arms = finalists(study, arms, results)
+        trials = trials.varied(seeds=[*trials.seeds, *further])
+        if units_of(trials, arms, done):
+            return study
+        results = StudyResults(store, study_record(trials, arms))
+    return tuned_study(study, results)
 
 
 def settled_before(study: StudyConfig, path: Place) -> StudyConfig:

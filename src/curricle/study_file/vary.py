@@ -28,7 +28,6 @@ from curricle.study_file.file import (
     path_text,
 )
 from curricle.study_file.schema import (
-    LEARNERS,
     Count,
     Flag,
     KeyPath,
@@ -263,13 +262,13 @@ def varied_arms(
         swept |= made
 
     alone = [label for label, variant in swept.items() if variant.arm in scratches]
-    configuration, trials = _fields(swept, alone), dict[str, Variant]()
+    configuration, trials = fields_of(swept, alone), dict[str, Variant]()
     if "tune" in study:
         tuning = TuneTable.model_validate(study["tune"])
         for label, variant in swept.items():
             trials |= _tried(variant._replace(arm=label), tuning)
         of_scratch = [label for label, trial in trials.items() if trial.arm in alone]
-        configuration["tune"] = {"seeds": tuning.seeds, **_fields(trials, of_scratch)}
+        configuration["tune"] = {"seeds": tuning.seeds, **fields_of(trials, of_scratch)}
     varied = {
         (is_trial, label): (variant.arm if variant.arm in complete else first, variant.settings)
         for is_trial, variants in ((False, swept), (True, trials))
@@ -278,7 +277,7 @@ def varied_arms(
     return configuration, varied
 
 
-def _fields(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str, Any]:
+def fields_of(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str, Any]:
     """Return a configuration's fields for variants, of which those in `alone` have no sources."""
     plans = {label: variant.make(variant.study) for label, variant in variants.items()}
     return {
@@ -289,38 +288,6 @@ def _fields(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str
             for label, variant in variants.items()
         },
     }
-
-
-def all_tuned(
-    arms: Mapping[str, Raw], scratches: Mapping[str, Raw], tuning: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return a configuration's fields in which complete arms are tuned, also where they set a key.
-
-    The space has keys of learners. The first trial of every arm has its own settings.
-    """
-    tune, trials = TuneTable.model_validate(tuning), dict[str, Variant]()
-    for arm, plan in {**scratches, **arms}.items():
-        trials[arm] = Variant(arm, partial(_relearnt, plan), {"tune": tuning}, {})
-        tried = [made for made in _tried(trials[arm], tune).values() if made.values]
-        trials |= {f"{arm}, trial {n}": made for n, made in enumerate(tried, 2)}
-    as_stated = {arm: trials[arm] for arm in (*scratches, *arms)}
-    of_scratch = [label for label, trial in trials.items() if trial.arm in scratches]
-    tuned = {"seeds": tune.seeds, **_fields(trials, of_scratch)}
-    return {**_fields(as_stated, scratches), "tune": tuned}
-
-
-def _relearnt(plan: Raw, study: Raw) -> dict[str, Any]:
-    """Return a complete plan with a study's values of settings that its learners have."""
-    tasks, stated = dict(plan["tasks"]), table(study.get("tasks"))
-    sources, with_sources = ({edge[i] for edge in NameGraph.of({**plan}).edges} for i in (0, 1))
-    for name, task in tasks.items():
-        said = merged(table(study.get("learner")), table(table(stated.get(name)).get("learner")))
-        learner = table(task.get("learner"))
-        if not learner and name not in sources - with_sources:  # whose default has its own rate
-            learner = LEARNERS[0]().model_dump(mode="json")
-        values = {key: value for key, value in said.items() if key in learner}
-        tasks[name] = {**task, "learner": {**learner, **values}} if values else task
-    return {**plan, "tasks": tasks}
 
 
 def _learnt_by(learner: str, alone: Make, study: Raw) -> dict[str, Any]:
