@@ -4,9 +4,9 @@
     python -m benchmarks.published.teachers published-results                # goes on after a kill
 
 A study file cannot name a teacher. So the file of a claim has the tasks, learner and opponents, and
-its audit has scratch, opponents, and the trials of the learning rate and of the level of Q. A
-teacher gets the same total of steps in all its tasks, and its best of the same trials on the same
-seeds. Uniform draws from the same tasks are its placebo.
+its audit has scratch, opponents and their trials. A teacher gets the same total of steps in all its
+tasks, and its best of the same trials on the same seeds, those of scratch and those of the
+optimistic learner, each of them an arm. Uniform draws from the same tasks are its placebo.
 """
 
 import argparse
@@ -33,6 +33,7 @@ from curricle.comparison.measures import Arm
 from curricle.statistics.curves import SCRATCH, Curve
 from curricle.study import StudyResults, read_study
 from curricle.study.auditing import CONFIGURED, FAIR, as_fair
+from curricle.study.tuning import FINALISTS
 from curricle.tasks import GoalDistance, goal_distance, with_start
 
 # -- Rutherford et al. 2024: mazes of MiniGrid -----------------------------------------------------
@@ -139,38 +140,49 @@ TEACHERS = {
 # -- their audit -----------------------------------------------------------------------------------
 
 
-def settings(study: Any) -> list[dict[str, float]]:
-    """Return the settings of the trials of an audit: learning rate and level of Q."""
-    variants = as_fair(study, TRIALS).tune.variants.values()
-    values = [variant.values for variant in variants if variant.arm == SCRATCH]
-    return [{key.rsplit(".", 1)[-1]: value for key, value in of.items()} for of in values]
+LEARNERS = {"": SCRATCH, ", OptimisticQLearning": f"{SCRATCH}, OptimisticQLearning"}
+"""What is added to a teacher's name -> the arm from scratch whose trials are its learners."""
 
 
-def curves(folder: Path, name: str, of: str, seeds: tuple[int, ...] | None = None) -> None:
+def arms_of(name: str) -> list[str]:
+    """Return the arms of a claim: every teacher with both learners."""
+    return [f"{teacher}{learner}" for teacher in TEACHERS[name].teachers for learner in LEARNERS]
+
+
+def learners(fair: Any, of: str) -> dict[str, cr.learning.Learner]:
+    """Return the learners of the trials of an arm from scratch, its own first."""
+    trials = [trial for trial, variant in fair.tune.variants.items() if variant.arm == of]
+    target = fair.curricula[next(iter(fair.curricula))].target
+    plans = {trial: fair.tune.scratches[trial].tasks[target] for trial in trials}
+    return {trial: plan.setting("learner", fair.folder) for trial, plan in plans.items()}
+
+
+def curves(folder: Path, name: str, arm: str, seeds: tuple[int, ...] | None = None) -> None:
     """Train a teacher as configured and with its best trial, and keep its curves in a folder."""
     study, (make, teachers) = read_study(CLAIMS[name]), TEACHERS[name]
-    side = StudyResults(folder / name / CONFIGURED)
+    teacher = arm.removesuffix(", OptimisticQLearning")
+    side, fair = StudyResults(folder / name / CONFIGURED), as_fair(study, TRIALS)
     first = next(iter(study.curricula.values()))
-    learner, target = first.setting("learner", first.target), first.tasks[first.target]
-    total, eval_freq = side.record.total, side.record.eval_freq
-    evaluation = first.setting("evaluation", first.target)
-    tasks = make(target)
+    target, evaluation = first.tasks[first.target], first.setting("evaluation", first.target)
+    tasks, total, eval_freq = make(target), side.record.total, side.record.eval_freq
 
-    def trained(changes: Mapping[str, float], chosen: Any) -> Any:
+    def trained(learner: Any, chosen: Any) -> Any:
         return teach(
-            tasks, target, teachers[of], replace(learner, **changes), total,
+            tasks, target, teachers[teacher], learner, total,
             seeds=chosen, eval_freq=eval_freq, evaluation=evaluation,
         ).greedy_return  # fmt: skip
 
-    trials = settings(study)
-    tuning = as_fair(study, TRIALS).tune.seeds
-    scores = [float(np.nanmean(trained(trial, tuning))) for trial in trials]
-    best = trials[int(np.argmax(scores))]
+    tried = learners(fair, LEARNERS[arm.removeprefix(teacher)])
+    of_trial = {n: trained(of, fair.tune.seeds).mean() for n, of in tried.items()}
+    own, finalists = next(iter(tried)), sorted(tried, key=lambda n: -of_trial[n])[:FINALISTS]
+    finalists = dict.fromkeys([own, *finalists])
+    seeds_of_all = (*fair.tune.seeds, *fair.tune.final_seeds)
+    best = max(finalists, key=lambda n: float(np.nanmean(trained(tried[n], seeds_of_all))))
     chosen = side.seeds if seeds is None else seeds
     np.savez(
-        folder / name / f"{of}.npz",
-        best=[f"{key} {value:.3g}" for key, value in best.items()],
-        **{CONFIGURED: trained({}, chosen), FAIR: trained(best, chosen)},
+        folder / name / f"{arm}.npz",
+        best=[f"{key} {value}" for key, value in fair.tune.variants[best].values.items()],
+        **{CONFIGURED: trained(tried[own], chosen), FAIR: trained(tried[best], chosen)},
     )
 
 
@@ -178,7 +190,7 @@ def compared(folder: Path, name: str, results: StudyResults) -> Comparison:
     """Return the comparison of a side of an audit, with the teachers among its arms."""
     arms = {arm: of for arm, of in results.comparison.arms.items() if not of.control}
     at = results.comparison.scratch.curve.steps
-    for teacher in TEACHERS[name].teachers:
+    for teacher in arms_of(name):
         with np.load(folder / name / f"{teacher}.npz") as kept:
             arms[teacher] = Arm(Curve(at, kept[results.store.path.name]))
     return replace(results.comparison, arms=arms)
@@ -189,7 +201,7 @@ def rows(folder: Path, name: str) -> Iterator[tuple[str, ...]]:
     for side in (CONFIGURED, FAIR):
         results = StudyResults(folder / name / side)
         made, way = compared(folder, name, results), way_to_optimum(name, results)
-        for arm in TEACHERS[name].teachers:
+        for arm in arms_of(name):
             over, contrast = made.against(SCRATCH)[arm].gain, made.contrasts[arm]
             with np.load(folder / name / f"{arm}.npz") as kept:
                 best = ", ".join(kept["best"]) * (side == FAIR)
@@ -211,7 +223,7 @@ def main() -> None:
     heads = ("", "teacher", "over scratch", "over the best", "the best", "verdict", "steps")
     heads = (*heads, "mean return", "best of the trials")
     for name in given.names:
-        for teacher in TEACHERS[name].teachers:
+        for teacher in arms_of(name):
             if not (given.folder / name / f"{teacher}.npz").exists():
                 curves(given.folder, name, teacher)
         print(f"\n{name}\n\n{markdown(heads, rows(given.folder, name))}", flush=True)

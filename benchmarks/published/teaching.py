@@ -312,7 +312,7 @@ class TaughtTask:
 
     @contextmanager
     def open(self, start: int, q: FloatTable) -> Generator[TaughtModel]:
-        """Return a context with the model of a run on `q`, (1, 1, S, A)."""
+        """Return a context with the model of a run that acts on `q`, (1, S, A)."""
         raised = list[BaseException]()
         limit = self.time_limit or 0
         n, last = np.zeros((2, 1), np.int64)
@@ -323,7 +323,7 @@ class TaughtTask:
         address, failed = np.array([id(send)], dtype=np.uint64), np.zeros(1, np.bool_)
         try:
             yield TaughtModel(
-                address, failed, table_model(self.target), self.discount, q[0, 0], record
+                address, failed, table_model(self.target), self.discount, q[0], record
             )
         finally:
             starts.close()
@@ -374,7 +374,7 @@ def teach(
     tasks: Mapping[str, Any],
     target: Any,
     teacher: Teacher,
-    learner: cr.QLearning,
+    learner: cr.learning.Learner,
     budget: int,
     *,
     seeds: Sequence[int],
@@ -383,9 +383,11 @@ def teach(
 ) -> Taught:
     """Return the result of learning a target by episodes in tasks that a teacher draws.
 
-    The tasks differ from the target in their start states only, and have a goal. One table learns
-    from all of them; `budget` is of steps in all of them.
+    The tasks differ from the target in their start states only, and have a goal. One learner learns
+    from all of them; `budget` is of steps in all of them. The values of an optimistic learner on
+    which it acts are those of an episode's TD errors.
     """
+    learner = learner.for_task(tables(target))  # its bounds, which the drawn tasks do not tell
     mdps, drawn, results = [tables(task) for task in tasks.values()], [], []
     in_target = InTarget(**vars(evaluation))
     for seed in seeds:

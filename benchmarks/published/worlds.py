@@ -1,8 +1,4 @@
-"""Tasks and potentials of published settings that a study file cannot state by itself.
-
-A potential that a paper states, instead of learning it, is an aggregate that does not read its
-source: the source is a single step long.
-"""
+"""Tasks, and potentials that papers state: functions of the task that return phi."""
 
 from typing import Any
 
@@ -13,17 +9,6 @@ from curricle.arrays import FloatArray
 from curricle.tasks import Automaton, with_automaton
 
 MOVES = {"up": (-1, 0), "right": (0, 1), "down": (1, 0), "left": (0, -1)}
-
-
-def nothing() -> cr.GridWorld:
-    """Return a task of one step, for the source of a stated potential."""
-    return cr.GridWorld("ST", discount=0.5)
-
-
-def anywhere(states: Any, actions: Any) -> Any:
-    """Map every pair to the first pair of the source of a stated potential."""
-    zeros = 0 * (next(iter(states.values())) + next(iter(actions.values())))
-    return {"row": zeros, "column": zeros}, {"move": zeros}
 
 
 # -- grids with slips ------------------------------------------------------------------------------
@@ -88,18 +73,16 @@ def open_grid(size: int, *, slip: float = 0.2, discount: float = 0.999, **limit:
     return grid(lines, start=(size - 1, 0), slip=slip, step=-1.0, discount=discount, **limit)
 
 
-def distance(values: FloatArray) -> FloatArray:
+def distance(task: cr.FiniteMDP) -> FloatArray:
     """Return their potential, minus the steps to the goal at .8 of a step towards it a step."""
-    n_states, n_actions = values.shape[1:]
-    size = int(np.sqrt(n_states))
-    row, column = np.divmod(np.arange(n_states), size)
-    phi = -(row + size - 1 - column) / 0.8
-    return np.repeat(phi[:, None], n_actions, axis=1)
+    size = int(np.sqrt(task.states.size))
+    row, column = np.divmod(np.arange(task.states.size), size)
+    return -(row + size - 1 - column) / 0.8
 
 
-def half_distance(values: FloatArray) -> FloatArray:
+def half_distance(task: cr.FiniteMDP) -> FloatArray:
     """Return half of their potential."""
-    return distance(values) / 2
+    return distance(task) / 2
 
 
 # -- Toro Icarte et al. 2022: the office -----------------------------------------------------------
@@ -148,7 +131,7 @@ def office(*, as_run: bool = True) -> Any:
     return with_automaton(plan, Automaton([*EDGES, broken], event, terminal=["home", "broken"]))
 
 
-def machine_values(values: FloatArray) -> FloatArray:
+def machine_values(task: Any) -> FloatArray:
     """Return their automatic potential: minus the value of the automaton's state, discount .9.
 
     The values of the four open states, in the order neither, mail, coffee, both, are those of the
@@ -159,10 +142,8 @@ def machine_values(values: FloatArray) -> FloatArray:
         for state in ("both", "mail", "coffee", "neither"):
             edges = [(*edge, 0.0)[:4] for edge in EDGES if edge[0] == state]
             of_state[state] = max(r + 0.9 * of_state.get(to, 0.0) for _, _, to, r in edges)
-    decoded = office().states.decode()["automaton"]
-    order = office().automaton.states
-    phi = -np.array([of_state[name] for name in order])[decoded]
-    return np.repeat(phi[:, None], values.shape[2], axis=1)
+    order = task.automaton.states
+    return -np.array([of_state[name] for name in order])[task.states.decode()["automaton"]]
 
 
 # -- Cipollone et al. 2023: eight rooms ------------------------------------------------------------

@@ -31,7 +31,10 @@ def test_every_claim_can_be_audited(name):
     tasks = {len(plan.tasks) for plan in study.curricula.values()}
     assert {len(plan.tasks) for plan in fair.tune.arms.values()} == tasks
     played = len(study.arms) + len(study.scratch_curricula())
-    assert len(fair.tune.variants) == 3 * played
+    informed = [arm for arm in fair.arms if arm.endswith(", informed optimist")]
+    assert len(informed) == len(study.arms) if name not in ("graph", "objects") else informed
+    settings = max(len(of.values) for of in fair.tune.variants.values())
+    assert len(fair.tune.variants) == (2 * settings + 1) * (played + 1 + len(informed))
     json.dumps(fair.to_data())
 
 
@@ -39,11 +42,10 @@ def test_the_grid_of_ng_harada_russell():
     task = worlds.open_grid(10)
     # 18 steps at .85 - .05 a step each way, a little more at the edges
     assert cr.solve(task).start_value == pytest.approx(-21.8, abs=0.1)
-    phi = worlds.distance(np.zeros((1, 100, 4)))
-    start = int(task.start.argmax())
-    assert phi[start, 0] == -18 / 0.8
+    phi = worlds.distance(task)
+    assert phi[int(task.start.argmax())] == -18 / 0.8
     assert phi[task.terminal].max() == 0.0
-    np.testing.assert_array_equal(worlds.half_distance(np.zeros((1, 100, 4))), phi / 2)
+    np.testing.assert_array_equal(worlds.half_distance(task), phi / 2)
 
 
 def test_the_office_of_toro_icarte():
@@ -52,7 +54,7 @@ def test_the_office_of_toro_icarte():
         assert 1 + np.log(best) / np.log(0.9) == pytest.approx(steps)
     office = worlds.office()
     states = office.automaton.states
-    potentials = worlds.machine_values(np.zeros((1, office.states.size, 4)))
+    potentials = worlds.machine_values(office)
     of_state = office.states.decode()["automaton"]
     by_name = {name: float(potentials[of_state == n].max()) for n, name in enumerate(states)}
     assert by_name == {
@@ -93,13 +95,18 @@ def test_the_tables(name, tmp_path):
     audits = tables.played(tmp_path)
     assert [*audits] == [name]
     rows = [*tables.rows(audits)]
-    assert [row[1] for row in rows] == [*study.arms]
+    assert [row[1] for row in rows][: len(study.arms)] == [*study.arms]
+    informed = rows[len(study.arms) :]
+    assert all(row[1].endswith(", informed optimist") for row in informed)
+    assert {row[2] for row in informed} == {"-"}
     assert all(len(row) == len(tables.HEADS) for row in rows)
     plan = next(iter(study.curricula.values()))
     target = Target.of(plan.tasks[plan.target])
     way = target.optimum - target.random_return
     gain = made.fair.comparison.contrasts[rows[0][1]].strong_gain.estimate / way
-    assert rows[0][4].startswith(f"{gain:+.2f} [")
+    assert rows[0][6].startswith(f"{gain:+.2f} [")
+    same = made.fair.comparison.against("scratch")[rows[0][1]].gain.estimate / way
+    assert rows[0][4].startswith(f"{same:+.2f} [")
     assert {row[0] for row in tables.made_of(made)} == {"as configured", "fair"}
 
 
@@ -109,23 +116,22 @@ def test_the_mountain_car_of_wiewiora_cottrell_elkan():
     assert (car.terminal.sum(), top) == (1, n)
     assert set(np.flatnonzero(car.start) // potentials.VELOCITIES) <= {11, 12, 13, 14, 15}
     on_actions, on_states = (
-        advice(np.zeros((1, n + 1, 3))) / potentials.SCALE
-        for advice in (potentials.with_the_motion, potentials.energy)
+        advice(car) / potentials.SCALE for advice in (potentials.with_the_motion, potentials.energy)
     )
     np.testing.assert_array_equal(
         on_actions[[0, potentials.VELOCITIES - 1, n]], np.array([[1, 0, 0], [0, 0, 1], [0, 0, 0]])
     )
-    assert on_states[top, 0] == 1.0
+    assert on_states[top] == pytest.approx(1.0)
     assert on_states.min() == pytest.approx(0.0, abs=0.01)
     # the advice alone, without learning and without a time limit; the optimum is -99.6
     assert cr.evaluate(car, on_actions).start_value == pytest.approx(-130.8, abs=0.1)
 
 
 def test_the_shift_of_mueller_and_kudenko_is_a_level():
-    stated = [
-        of(np.full((1, 400, 4), -100.0)) for of in (potentials.linear, potentials.exponential)
-    ]
+    task = potentials.costly_grid(20)
+    stated = potentials.linear_shifted(task), potentials.exponential_shifted(task)
     assert [(phi.min(), phi.max()) for phi in stated] == [(-100, -62), (-99, -68)]
+    np.testing.assert_array_equal(potentials.linear(task), stated[0] + 100)
     study = read_study(tables.CLAIMS["bias"], set=["tasks.grid.budget=4_000"])
     low = read_study(
         tables.CLAIMS["bias"],
@@ -148,9 +154,28 @@ def test_the_iterations_of_adamczyk():
     after = potentials.moves(potentials.OPEN)
     best = (0.98**18 - 1) / 0.02
     for settings, last in (
-        ((0.0, 0.9, -40.0), best),
-        ((0.5, 0.6, -15.0), best),
-        ((10.0, 1.0, 0.0), -50),
+        ((0.0, 0.9, -40.0, 0.1, False), best),
+        ((0.5, 0.6, -15.0, 0.1, False), best),
+        ((10.0, 1.0, 0.0, 0.1, False), -50),
+        (potentials.OPTIMIST, best),
+        (potentials.ARMS["optimist, eta"], best),
     ):
         returns = potentials.bootstrapped(after, settings, np.random.default_rng(0))
         assert returns[-1] == pytest.approx(last, abs=0.01)
+
+
+def test_the_optimist_of_adamczyk_is_the_optimistic_learner():
+    task = potentials.costly_grid(10, discount=0.98, time_limit=500)
+    learner = cr.learning.OptimisticQLearning()
+    result = cr.learn(task, learner, budget=10_000, eval_freq=100, seeds=20)
+    ours = potentials.mean_returns(potentials.OPTIMIST, range(20))
+    assert ours.mean() == pytest.approx(result.greedy_return[:, 1:].mean(), abs=3.0)
+
+
+def test_a_rule_gets_its_best_of_the_trials():
+    plain = potentials.PLAIN
+    best = potentials.best_settings(plain, 6)
+    assert (best.eta, best.optimist) == (0.0, False)
+    returns = [potentials.mean_returns(of, range(33)).mean() for of in (plain, best)]
+    assert returns[0] < returns[1]
+    assert potentials.best_settings(plain, 0) == plain

@@ -6,6 +6,7 @@ import pytest
 import curricle as cr
 from benchmarks.published import __main__ as tables, depth, teachers
 from curricle.study import audit, read_study
+from curricle.study.auditing import as_fair
 from curricle.tasks import goal_distance
 
 
@@ -33,6 +34,24 @@ def test_the_rings_hold_every_start_of_the_spiral():
     np.testing.assert_array_equal(covered, target.mdp.start > 0)
     # a corridor four cells wide: no way is shorter than its length in cells of the published maze
     assert cr.solve(target).start_value == pytest.approx(0.864, abs=0.001)
+
+
+@pytest.mark.parametrize("of", teachers.LEARNERS.values())
+def test_a_teacher_draws_for_the_learners_of_the_trials(of):
+    fair = as_fair(read_study(tables.CLAIMS["starts"]), 1)
+    own, *others = teachers.learners(fair, of).values()
+    assert (type(own).__name__, len(others)) == (
+        of.removeprefix("scratch, ") if "," in of else "QLearning",
+        5,
+    )
+    target = fair.curricula["rings of starts"].tasks["target"]
+    result = teachers.teach(
+        teachers.rings(target), target, teachers.ReverseCurriculum(), own, 40_000,
+        seeds=[0, 1], eval_freq=4_000, evaluation=cr.GreedyEvaluation(),
+    )  # fmt: skip
+    assert len(result.drawn[0]) > 20
+    # the optimistic learner is at the optimum, .864, where the other is not
+    assert (result.greedy_return[:, -1] > 0.8).all() == ("Optimistic" in of)
 
 
 @pytest.mark.slow
