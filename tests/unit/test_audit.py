@@ -10,7 +10,7 @@ import curricle as cr
 from curricle.errors import ConfigError
 from curricle.show.report import write_audit
 from curricle.study import Audit, audit, read_study
-from curricle.study.auditing import HEADS, RULE, as_configured, as_fair
+from curricle.study.auditing import HEADS, as_configured, as_fair
 from curricle.study.tried import levels, potential_of
 
 OPTIMIST = "scratch, OptimisticQLearning"
@@ -250,7 +250,7 @@ def test_both_are_run_and_said(audited, tmp_path):
     page = write_audit(audited, tmp_path / "audit.html").read_text()
     assert audited.sentence in page
     assert "What survives?" in page
-    assert RULE in page
+    assert "have one number of trials, in proportion to the settings" in page
     assert all(head in page for head in HEADS)
     assert "near" in page
 

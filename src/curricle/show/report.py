@@ -47,7 +47,7 @@ from curricle.show.plots import (
 from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, shades_of
 from curricle.statistics.curves import SCRATCH
-from curricle.study.auditing import HEADS, RULE, Audit
+from curricle.study.auditing import HEADS, Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord, TunedRecord
 from curricle.study.results import StudyResults
 from curricle.study.tuning import Level, effects_of, short
@@ -212,7 +212,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         "graphs": graphs(curricula, learnt, reasons),
         "with_scratch": SCRATCH in learnt,
         "audited": audit
-        and (audit.sentence, [*HEADS], RULE, {arm: audit.rows(arm) for arm in comparison.verdicts}),
+        and (audit.sentence, [*HEADS], {arm: audit.rows(arm) for arm in comparison.verdicts}),
         "swept": effects_rows(effects_of(study)),
         "best": tuning_rows(study.record.tuned),
         "tuned": study.record.tuned,

@@ -31,10 +31,6 @@ HEADS = ("as configured", "fair, the same learner", "fair, the best opponent")
 INFORMED = "informed optimist"
 OPTIMIST: tuple[Opponent, ...] = ("optimistic",)  # which is tuned, too
 TRIALS = 10  # for each setting of the arm that has most
-RULE = (
-    "All arms, scratch and the optimistic learner too, have one number of trials, in proportion to "
-    "the settings of the arm that has most."
-)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ that are equal for all arms.
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -150,10 +151,7 @@ def _level(curriculum: Curriculum, stated: Sequence[float]) -> dict[str, Setting
     ends = levels(node.task, potential_of(curriculum) if anywhere else 0.0, stated)
     if not ends:
         return {}
-
-    def at(share: float) -> float:
-        return float(np.interp(share, np.linspace(0.0, 1.0, len(ends)), ends))
-
+    at = partial(np.interp, xp=np.linspace(0.0, 1.0, len(ends)), fp=ends)
     if anywhere:
         return {"level": _of([node], "initial_value", at, _learner("initial_value"))}
     lowest, kept = value_bounds(node.task)[0], learner.value_range is None
