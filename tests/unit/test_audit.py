@@ -255,6 +255,22 @@ def test_both_are_run_and_said(audited, tmp_path):
     assert "near" in page
 
 
+def test_the_best_are_played_again_and_judged_by_all_seeds(audited, file):
+    folder, tuned = audited.fair.store.path, audited.fair.record.tuned
+    trials = cr.study.StudyResults(folder / "tuning")
+    assert len(trials.seeds) == len(tuned.seeds) + len(tuned.final_seeds) == 3 + 30
+    scores = {name: returns.mean() for name, returns in trials.comparison.returns.items()}
+    assert {"scratch", OPTIMIST, "near", "quick"} <= scores.keys()  # their own settings, too
+    for arm, best in tuned.arms.items():
+        of_arm = {n: x for n, x in scores.items() if n == arm or n.startswith(f"{arm}, trial ")}
+        assert len(of_arm) == best.finalists in (5, 6)
+        assert best.score == max(of_arm.values())
+        first = max(of_arm, key=of_arm.get)
+        assert best.values == trials.record.variants[first].values
+    # as many as are judged, so that a setting which seldom fails is seen to
+    assert len(as_fair(read_study(file, set=["seeds=60"]), 1).tune.final_seeds) == 60
+
+
 def test_each_column_has_its_own_opponent(audited):
     comparison = audited.fair.comparison
     rows = {measure: cells for measure, *cells in audited.rows("near")}

@@ -147,7 +147,7 @@ def as_fair(study: StudyConfig, trials: int = TRIALS) -> StudyConfig:
         # Not once more for an arm that differs in its target's learner alone.
         if informed.setting("shaping", target).portfolio and plan not in arms.values():
             arms, curricula = {**arms, label: plan}, {**curricula, label: informed}
-    fields = tried({**alone, **arms}, curricula, number, [*alone])
+    fields = tried({**alone, **arms}, curricula, number, len(study.seeds), [*alone])
     played = [name for name in OPPONENTS if name not in OPTIMIST]
     controls = [*dict.fromkeys((*(study.controls or ()), "placebo"))]
     return study.varied(**fields, opponents=played, controls=controls, own_learners=True)

@@ -28,7 +28,7 @@ from curricle.study_file.vary import FIRST_SEED, Raw, Variant, fields_of
 from curricle.tasks.mdp import has_tables, tables
 
 SEEDS = tuple(range(FIRST_SEED, FIRST_SEED + 3))  # of each trial
-FINAL_SEEDS = tuple(range(FIRST_SEED + 3, FIRST_SEED + 33))  # of the best of each arm, too
+FEWEST_FINAL = 30  # further seeds of the best of each arm: as many as the study has, at least these
 COLUMNS = ("rate", "level", "exploration", "scale", "source steps")
 """The settings of arms: in a trial all arms are equally far along the range of a column."""
 KEPT = 0.25
@@ -48,12 +48,13 @@ def tried(
     plans: Mapping[str, Raw],
     curricula: Mapping[str, Curriculum],
     trials: int,
+    seeds: int,
     alone: Collection[str],
 ) -> dict[str, Any]:
     """Return a configuration's fields in which all arms are tuned; those in `alone` have no source.
 
-    `plans` are the arms as data. The first trial of every arm has its own settings; there are
-    `trials` more for each setting of the arm that has most.
+    `plans` are the arms as data, of a study with so many `seeds`. The first trial of every arm has
+    its own settings; there are `trials` more for each setting of the arm that has most.
     """
     from scipy.stats.qmc import Halton  # it takes half a second to import
 
@@ -77,8 +78,11 @@ def tried(
             variants[f"{name}, trial {n}"] = Variant(name, dict, changed, values)
     of_alone = [label for label, trial in variants.items() if trial.arm in alone]
     own = {name: variants[name] for name in plans}
-    seeds = {"seeds": SEEDS, "final_seeds": FINAL_SEEDS}
-    return {**fields_of(own, alone), "tune": {**seeds, **fields_of(variants, of_alone)}}
+    further = range(SEEDS[-1] + 1, SEEDS[-1] + 1 + max(FEWEST_FINAL, seeds))
+    return {
+        **fields_of(own, alone),
+        "tune": {"seeds": SEEDS, "final_seeds": [*further], **fields_of(variants, of_alone)},
+    }
 
 
 def settings_of(curriculum: Curriculum, plan: Raw, stated: Sequence[float]) -> dict[str, Setting]:
