@@ -16,6 +16,7 @@ from scipy.stats import binom
 
 import curricle as cr
 from curricle import statistics
+from curricle.comparison.verdicts import steps_saved_share
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import interquartile_interval
 
@@ -81,6 +82,24 @@ def saved(sigma, never, seeds, studies, rng):
     horizon = np.quantile(whole.lognormal(sigma=sigma, size=POPULATION), 1 - never)
     truth = within(whole, POPULATION).mean()
     return covered(statistics.mean_interval(within(rng, (seeds, studies))), truth)
+
+
+def share_saved(sigma, factors, seeds, studies, rng):
+    """Return the coverage of the share of steps saved, over opponents of these factors.
+
+    Times are lognormal; an opponent takes its factor times as many steps as the arm.
+    """
+    studies, every = min(studies, 4000), np.ones(seeds, bool)
+    times = rng.lognormal(sigma=sigma, size=(studies, 1 + len(factors), seeds))
+    times[:, 1:] *= np.array(factors)[:, None]
+    found = [
+        steps_saved_share(arm, opponents)
+        for arm, *opponents in (
+            [statistics.Times(steps, every) for steps in study] for study in times
+        )
+    ]
+    truth = 1 - 1 / min(factors)
+    return float(np.mean([one.low <= truth <= one.high for one in found]))
 
 
 def median(never, seeds, studies, rng):
@@ -184,6 +203,11 @@ KINDS: dict[str, Callable[[int, int, np.random.Generator], float]] = {
     "mean: 80 in 100 learn": partial(mean, learning(0.8)),
     "interquartile mean: 95 in 100 learn": partial(interquartile, learning(0.95)),
     "interquartile mean: 80 in 100 learn": partial(interquartile, learning(0.8)),
+    "share of steps saved: one opponent, sigma 0.5": partial(share_saved, 0.5, [3]),
+    "share of steps saved: one opponent, sigma 1": partial(share_saved, 1.0, [3]),
+    "share of steps saved: seven opponents, sigma 0.5": partial(
+        share_saved, 0.5, [3, 3, 4, 5, 6, 8, 9]
+    ),
 }
 """Kind of interval and of data -> coverage of (seeds, studies, rng)."""
 

@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import example, given, strategies as st
 from hypothesis.extra import numpy as hnp
 
+from curricle.comparison.verdicts import steps_saved_share
 from curricle.statistics import Curve, mean_return, time_to_threshold
 from curricle.statistics.curves import Times, charge_source, smooth
 from curricle.statistics.hypothesis_tests import holm, sign_flip_test
@@ -146,3 +147,32 @@ def test_waiting_longer_never_shortens_a_time(times):
     if ends[1] > 0:
         means = [times.restricted_mean(min(ends[1], end)).estimate for end in ends]
         assert means[0] <= means[1] <= ends[1]
+
+
+@st.composite
+def times_of_arms(draw):
+    """An arm and one to three opponents, of the same seeds."""
+    seeds = draw(st.integers(1, 6))
+    steps = hnp.arrays(np.float64, seeds, elements=st.integers(0, 9).map(float))
+    reached = hnp.arrays(np.bool_, seeds, elements=st.sampled_from([True] * 4 + [False]))
+    return draw(st.lists(st.builds(Times, steps, reached), min_size=2, max_size=4))
+
+
+@given(times_of_arms(), st.sampled_from([0.25, 4.0, 1024.0]), st.randoms())
+def test_a_share_of_steps_saved_is_at_most_one_and_has_no_unit(arms, unit, order):
+    def share_of(arms):
+        share = steps_saved_share(arms[0], arms[1:])
+        return [share.low, share.estimate, share.high]
+
+    share = share_of(arms)
+    assert not np.isposinf(share).any()
+    assert not np.isfinite(share[1]) or share[1] <= 1
+    if not np.isnan(share).any():
+        assert share == sorted(share)
+        assert share[2] <= 1
+    seeds = order.sample(range(arms[0].steps.size), arms[0].steps.size)
+    moved = [Times(unit * times.steps[seeds], times.reached[seeds]) for times in arms]
+    others = order.sample(moved[1:], len(moved) - 1)
+    np.testing.assert_allclose(share_of([moved[0], *others]), share, rtol=1e-9, atol=1e-9)
+    slower = [Times(times.steps + 1, times.reached) for times in arms[1:]]
+    assert not share_of([arms[0], *slower])[1] < share[1]

@@ -238,6 +238,15 @@ def test_both_are_run_and_said(audited, tmp_path):
     text = str(audited)
     for part in ("near", "quick", *HEADS, "verdict", "near, informed optimist", "16 trials of "):
         assert part in text
+    rows = {measure: texts for measure, *texts in audited.rows("near")}
+    for opponent, steps, share in zip(
+        rows["opponent"],
+        rows["steps until learnt: the arm; it"],
+        rows["share of its steps saved"],
+        strict=True,
+    ):
+        own, others = (float(number.replace(",", "")) for number in steps.split("; "))
+        assert float(share.split(" ")[0]) == pytest.approx(1 - own / others, abs=0.01), opponent
     tuned = audited.fair.record.tuned.arms
     assert {of.trials for of in tuned.values()} == {16}
     assert tuned[OPTIMIST].settings == ("learning_rate", "value_range", "epsilon")

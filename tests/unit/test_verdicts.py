@@ -1,5 +1,6 @@
 """Which arm is better than which, why, and that no answer depends on what else was asked."""
 
+import math
 import re
 from dataclasses import replace
 
@@ -10,12 +11,13 @@ from scipy import stats
 
 from curricle.comparison import Comparison, Reference, seeds_needed, verdicts, verdicts_of
 from curricle.comparison.controls import CHANGES
-from curricle.comparison.verdicts import ASKING, SIGNIFICANT
+from curricle.comparison.sentences import findings, page_table, share_saved
+from curricle.comparison.verdicts import ASKING, SIGNIFICANT, steps_saved_share
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import mean_interval, sign_flip_test
+from curricle.statistics import Times, mean_interval, sign_flip_test
 from curricle.statistics.hypothesis_tests import holm, sign_flip_tests
 from curricle.study import StudyResults
-from tests.support.comparisons import alone as compare, corner, flat
+from tests.support.comparisons import alone as compare, arm_of, corner, flat
 
 
 def compared(**returns):
@@ -406,3 +408,126 @@ def test_other_controls_do_not_decide_but_a_placebo_outside_the_portfolio_does()
     assert with_pretraining.contrasts["mean"].reason == "by what it knows"
     assert with_placebo.knowledge_verdicts["mean"].rival == "mean, placebo, alone"
     assert with_placebo.reasons["mean"].why == "placebo"
+
+
+# -- the steps that an arm saves ------------------------------------------------------------------
+
+
+def taken(*steps, never=()):
+    """The steps of each seed to the threshold; of some seeds the steps until they were given up."""
+    return Times(np.array(steps, float), ~np.isin(np.arange(len(steps)), never))
+
+
+def numbers_of(interval):
+    return [interval.estimate, interval.low, interval.high]
+
+
+def test_a_share_of_steps_saved_by_hand():
+    """The errors of ln(400 / 150) are 300 / 400 - 100 / 150 = 1 / 12 and as much less."""
+    half = 12.7062047 * math.sqrt(2) / 12 / math.sqrt(2)
+    wanted = [1 - 150 / 400 * math.exp(way * half) for way in (0, 1, -1)]
+    share = steps_saved_share(taken(100, 200), [taken(300, 500)])
+    assert numbers_of(share) == pytest.approx(wanted, abs=1e-7)
+    assert (share.confidence, share.n) == (0.95, 2)
+    slower = steps_saved_share(taken(300, 500), [taken(100, 200)])
+    assert slower.estimate == pytest.approx(1 - 400 / 150)
+
+
+def test_a_share_of_steps_saved_is_of_the_quickest_opponent():
+    arm, quick, slow = taken(10, 12, 11), taken(20, 22, 25), taken(90, 99, 80)
+    alone, both = (steps_saved_share(arm, of) for of in ([quick], [slow, quick]))
+    assert both.estimate == alone.estimate == pytest.approx(1 - 33 / 67)
+    assert both.low == pytest.approx(alone.low)
+    assert alone.high < both.high < steps_saved_share(arm, [slow]).high  # corrected for two
+
+
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    ("arm", "opponents", "estimate", "low", "high"),
+    [
+        # no seed of the opponent: all are lower bounds, and so is the share
+        (taken(10, 20), [taken(90, 90, never=[0, 1])], 1 - 30 / 180, "any", 1.0),
+        # a slower opponent has all seeds, and bounds the share from above
+        (taken(10, 20), [taken(80, 90, never=[1]), taken(99, 95)], 1 - 30 / 170, "any", "any"),
+        (taken(10, 90, never=[1]), [taken(30, 20)], -1.0, -INF, "any"),
+        (taken(10, 90, never=[1]), [taken(30, 90, never=[1])], NAN, NAN, NAN),
+        (taken(10, 90, never=[1]), [taken(30, 90, never=[1]), taken(80, 85)], NAN, NAN, NAN),
+        (taken(0, 0), [taken(30, 90, never=[1])], 1.0, NAN, NAN),
+        (taken(10, 20), [taken(0, 0), taken(10, 20)], NAN, NAN, NAN),
+        (taken(0, 0), [taken(0, 0)], NAN, NAN, NAN),
+        # no spread, no interval: also where other opponents have a spread
+        (taken(10, 10), [taken(40, 40)], 0.75, NAN, NAN),
+        (taken(10, 10), [taken(30, 50), taken(80, 80)], 0.75, "any", "any"),
+        (taken(10, 10), [taken(30, 50, never=[1]), taken(80, 80)], 0.75, "any", 1 - 10 / 80),
+        (taken(10), [taken(40)], 0.75, NAN, NAN),
+    ],
+)
+def test_a_share_of_steps_that_were_not_all_taken_is_a_bound(arm, opponents, estimate, low, high):
+    share = steps_saved_share(arm, opponents)
+    for number, wanted in zip(numbers_of(share), (estimate, low, high), strict=True):
+        assert (
+            np.isfinite(number) if wanted == "any" else number == pytest.approx(wanted, nan_ok=True)
+        )
+    assert not share.low > share.estimate
+    assert not share.high < share.estimate
+
+
+def test_only_steps_that_were_all_taken_bound_a_share_from_above():
+    arm, slow = taken(10, 11, 10), taken(80, 81, 82)
+    share = steps_saved_share(arm, [taken(40, 41, 42, never=[2]), slow])
+    assert share.estimate == pytest.approx(1 - 31 / 123)
+    assert share.high == steps_saved_share(arm, [slow]).high > 1 - 31 / 243
+
+
+def test_the_interval_of_a_share_is_that_of_the_bootstrap():
+    rng = np.random.default_rng(3)
+    arm, opponent = rng.lognormal(5, 0.5, 200), rng.lognormal(6, 0.4, 200)
+    share = steps_saved_share(taken(*arm), [taken(*opponent)])
+    drawn = rng.integers(200, size=(20_000, 200))  # seeds, so that pairs stay pairs
+    shares = 1 - arm[drawn].mean(axis=1) / opponent[drawn].mean(axis=1)
+    assert [share.low, share.high] == pytest.approx(np.quantile(shares, [0.025, 0.975]), abs=0.005)
+
+
+def test_a_comparison_says_which_share_of_whose_steps_each_curriculum_saves():
+    def arm(*learnt_at, **kind):
+        return arm_of([[0.0] * at + [1.0] * (9 - at) for at in learnt_at], **kind)
+
+    arms = {
+        "scratch": arm(6, 7, 8, 8),
+        "scratch, quick": arm(4, 4, 5, 5, scratch=True),
+        "scratch, high": arm_of([[0, 0, 0, 0, 0, 0, 9, 9, 9]] * 4, scratch=True),
+        "good": arm(1, 2, 1, 2),
+        "good, placebo": arm(8, 8, 8, 9, curriculum="good"),
+        "late": arm(5, 6, 7, 9),
+    }
+    comparison = Comparison("maze", arms, 80, 80, Reference(1.0), 1)
+    assert comparison.best_opponent("good") == "scratch, high"
+    assert comparison.quickest_opponent("good") == "scratch, quick"
+    rows = {row["arm"]: row for row in comparison.rows()}
+    assert rows["good"]["share_of_steps_saved"] == pytest.approx(1 - 60 / 180)
+    assert rows["late"]["share_of_steps_saved_low"] == -np.inf
+    assert np.isnan(rows["scratch"]["share_of_steps_saved"])
+    of = "as a share of the quickest opponent's (scratch, quick):"
+    lines = str(comparison).splitlines()
+    good = f"steps to the threshold saved by good, {of} 0.667 [0."
+    assert [line for line in lines if line.startswith(good)]
+    assert [line for line in lines if f"saved by late, {of} at most -0.44" in line]
+    assert not [line for line in lines if "saved by good, placebo" in line]
+    cells = {name: row["share_of_steps_saved"] for name, row in page_table(comparison).items()}
+    assert cells["scratch, quick"] == ("", "")
+    assert (cells["good"].text, cells["late"].text[:8]) == ("0.667", "at most ")
+    assert cells["good, placebo"].text.startswith("at most −")
+    (good,) = [finding for finding in findings(comparison) if finding.arm == "good"]
+    assert any(f"Steps to the threshold saved by good, {of}" in said for said in good.sentences)
+    assert share_saved(comparison, "good", "scratch").startswith("0.793 [")  # of 15 / 72.5
+    assert share_saved(comparison, "late", "scratch, quick").startswith("at most -0.444 [-inf, ")
+    both = replace(comparison, arms={name: arms[name] for name in ("scratch", "late")})
+    assert "as a share of those of scratch: at most" in str(both)
+    never = replace(both, arms={**both.arms, "scratch": arm(6, 7, 9, 9)})
+    assert "as a share of those of scratch: unknown (seeds of both never get there)" in str(never)
+    nowhere = replace(both, arms={"scratch": arm(9, 9, 9, 9), "late": arm(9, 9, 9, 9)})
+    assert "saved by" not in str(nowhere)
+    best = replace(comparison, arms={**arms, "scratch, high": arms["scratch, quick"]})
+    assert best.quickest_opponent("good") == best.best_opponent("good")

@@ -21,6 +21,7 @@ from curricle.comparison.verdicts import (
     Verdict,
     difference,
     earlier_looks,
+    steps_saved_share,
     verdicts_of,
 )
 from curricle.curriculum.curriculum import Node
@@ -245,6 +246,8 @@ class Contrast:
         Gain at the first target step (weak).
     weak_steps_saved, strong_steps_saved : Interval
         Steps to the threshold saved; a seed that never reaches it counts with the whole budget.
+    share_of_steps_saved : Interval
+        As a share of those of the opponent that takes the fewest (strong).
     weak_gain, strong_gain : Interval
         Difference of the normalised areas under the curves.
     asymptotic_gain : Interval
@@ -262,6 +265,7 @@ class Contrast:
     jumpstart: Interval
     weak_steps_saved: Interval
     strong_steps_saved: Interval
+    share_of_steps_saved: Interval
     weak_gain: Interval
     strong_gain: Interval
     asymptotic_gain: Interval
@@ -298,6 +302,8 @@ class MeasuredArms:
     interim: str = ""
     looks: tuple[int, ...] = ()
     remarks: tuple[str, ...] = ()
+    # Steps to the threshold that were found before, by arm and whether transfer is strong.
+    _times: dict[tuple[str, bool], Times] = field(default_factory=dict, init=False, repr=False)
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -361,6 +367,11 @@ class MeasuredArms:
     def best_opponent(self, name: str) -> str:
         """Return the opponent of an arm with the highest mean return."""
         return max(self.opponents(name), key=lambda rival: float(self.returns[rival].mean()))
+
+    def quickest_opponent(self, name: str) -> str:
+        """Return the opponent of an arm with the fewest steps to the threshold, seeds' mean."""
+        rivals = [self.best_opponent(name), *self.opponents(name)]  # the best if several are
+        return min(rivals, key=lambda rival: float(self.times(rival).steps.mean()))
 
     def headroom(self, name: str) -> float:
         """Return the most that a source can gain, as a share of the way from random to the optimum.
@@ -494,8 +505,10 @@ class MeasuredArms:
 
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never reach it are censored."""
-        curve = self[name].charged(self.scratch) if strong else self._weak(name)
-        return time_to_threshold(curve, self._level, window=self.window)
+        if (name, strong) not in self._times:
+            curve = self[name].charged(self.scratch) if strong else self._weak(name)
+            self._times[name, strong] = time_to_threshold(curve, self._level, window=self.window)
+        return self._times[name, strong]
 
     @property
     def _level(self) -> float:
@@ -556,6 +569,9 @@ class MeasuredArms:
             jumpstart=mean_interval(jumpstart(base, weak)),
             weak_steps_saved=mean_interval(saved(base, weak)),
             strong_steps_saved=mean_interval(saved(whole, strong)),
+            share_of_steps_saved=steps_saved_share(
+                self.times(name), [self.times(opponent) for opponent in self.opponents(name)]
+            ),
             weak_gain=self.weak_gain(name, rival),
             strong_gain=alone.gain if alone.rivals > 1 else mean_interval(arm.strong_gain(scratch)),
             asymptotic_gain=mean_interval(

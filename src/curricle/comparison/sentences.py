@@ -19,7 +19,7 @@ from curricle.comparison.measures import (
     UNKNOWN,
     MeasuredArms,
 )
-from curricle.comparison.verdicts import SIGNIFICANT, Verdict, not_known
+from curricle.comparison.verdicts import SIGNIFICANT, Verdict, not_known, steps_saved_share
 from curricle.learning.learners import OptimisticQLearning
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, clusters, interquartile_interval
@@ -74,14 +74,8 @@ def _interval(key: str, arms: MeasuredArms, row: Row) -> str:
 
 def _saved(key: str, arms: MeasuredArms, row: Row) -> str:
     text, both = _interval(key, arms, row), (row["arm"], row["against"])
-    strong = key.startswith("strong")
-    if (
-        text
-        and not arms.nobody
-        and not any(arms.times(arm, strong=strong).reached.any() for arm in both)
-    ):
-        return "never reached"
-    return text
+    reached = any(arms.times(arm, strong=False).reached.any() for arm in both if arm)
+    return text if reached or arms.nobody or not text else "never reached"
 
 
 def _time(key: str, arms: MeasuredArms, row: Row) -> str:
@@ -100,7 +94,7 @@ def _p(key: str, arms: MeasuredArms, row: Row) -> str:
     return f"{row[key]:.2g}" if tested else ""
 
 
-ABOVE, SAVED = "above the best opponent's", "steps to the threshold, fewer than the best opponent's"
+ABOVE, FEWER = "above the best opponent's", "steps to the threshold, fewer than the best opponent's"
 COLUMNS = {
     "strong_gain": Column(
         "gain",
@@ -130,7 +124,11 @@ COLUMNS = {
         _time,
         printed="steps to threshold",
     ),
-    "strong_steps_saved": Column("steps saved", f"{SAVED}, sources charged", _saved),
+    "share_of_steps_saved": Column(
+        "share of steps saved",
+        "of the steps to the threshold of the opponent that takes the fewest, sources charged",
+        lambda key, arms, row: share_saved(arms, row["arm"]) if row["against"] else "",
+    ),
     "weak_gain": Column(
         "gain",
         f"mean return over target steps, sources free, {ABOVE}",
@@ -139,7 +137,7 @@ COLUMNS = {
         "weak gain",
     ),
     "jumpstart": Column("jumpstart", f"return at the first target step, {ABOVE}", _interval, WEAK),
-    "weak_steps_saved": Column("steps saved", f"target {SAVED}", _saved, WEAK),
+    "weak_steps_saved": Column("steps saved", f"target {FEWER}", _saved, WEAK),
     "source_steps": Column("source steps", "steps in the sources, mean over seeds", _steps, ""),
 }
 """Key in :func:`table_rows` -> its column, in the page's order."""
@@ -279,6 +277,7 @@ def lines_below(arms: MeasuredArms) -> list[str]:
     """Return what stands below the table: what was not learnt, controls, and clusters of seeds."""
     lines = [nothing_learnt(arms), _looks(arms), _other_opponents(arms)]
     lines += dict.fromkeys(headroom_sentence(arms, name) for name in arms.controls)
+    lines += [saved_sentence(arms, name) for name in arms.controls]
     costly = (name for name, verdict in arms.verdicts.items() if verdict.direction < 0)
     lines += [f"instead of {name}, {instead(arms, name)}" for name in costly]
     lines += [cluster_sentence(arms, name) for name in arms.shown]
@@ -352,6 +351,29 @@ def headroom_sentence(arms: MeasuredArms, name: str) -> str:
         f"({missing:.3g} in mean return)"
         f"{': no source can gain more' * arms.reference.optimum_bounds}"
     )
+
+
+def share_saved(arms: MeasuredArms, name: str, rival: str = "") -> str:
+    """Return the share of an opponent's steps that an arm saves, by default the quickest's."""
+    times = [arms.times(arm) for arm in (name, rival or arms.quickest_opponent(name))]
+    own, others = (of.reached.all() for of in times)
+    share = arms.contrasts[name].share_of_steps_saved
+    if rival:
+        share = steps_saved_share(times[0], times[1:])
+    if np.isnan(share.estimate):
+        return "-" if arms.nobody or own else "unknown (seeds of both never get there)"
+    least = share.estimate < 1 and not others
+    return "at most " * (not own) + "at least " * bool(least) + short(share)
+
+
+def saved_sentence(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on the steps to the threshold that an arm saves; empty without any."""
+    share, rival = share_saved(arms, name), arms.quickest_opponent(name)
+    whose = (
+        f"the quickest opponent's ({rival})" if arms.opponents(name)[1:] else f"those of {rival}"
+    )
+    sentence = f"steps to the threshold saved by {name}, as a share of {whose}: {share}"
+    return "" if share == "-" or nothing_learnt(arms) else sentence
 
 
 def instead(arms: MeasuredArms, name: str) -> str:
@@ -543,7 +565,8 @@ def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding
         f"Over target steps only: {signed(contrast.weak_gain)}.",
         _reached(arms, row, rival),
     ]
-    remarks = [cluster_sentence(arms, name), cluster_sentence(arms, rival["arm"])]
+    remarks = [saved_sentence(arms, name)]
+    remarks += [cluster_sentence(arms, arm) for arm in (name, rival["arm"])]
     if name in arms.control_verdicts:
         remark = _gains_more(name, arms.control_verdicts[name], "controls")
         remarks.append(remark.removeprefix(f"{name} "))

@@ -10,12 +10,13 @@ seeds. If it knows nothing, its mean return is one draw among K, not the mean of
 compared with the spread of single draws (:func:`_beside_draws`).
 
 Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sampling",
-Technometrics 24, 1982 (intersection-union tests).
+Technometrics 24, 1982 (intersection-union tests); Hedges, Gurevitch and Curtis, "The meta-analysis
+of response ratios in experimental ecology", Ecology 80, 1999.
 """
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -25,7 +26,7 @@ from scipy.special import stdtr
 from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.statistics.curves import ROUNDING
+from curricle.statistics.curves import ROUNDING, Times
 from curricle.statistics.hypothesis_tests import holm, sign_flip_tests, smallest_p
 from curricle.statistics.intervals import Interval, mean_interval, vector
 from curricle.text import brief_repr, printed
@@ -309,6 +310,43 @@ def _smallest_gain(differences: FloatArray) -> Interval:
         bounds = np.where(np.isnan(bounds), means, bounds)
     low, high = bounds.min(axis=1).tolist()
     return Interval(float(means.min()), low, high, 1 - SIGNIFICANT, n=differences.shape[1])
+
+
+def steps_saved_share(arm: Times, opponents: Sequence[Times]) -> Interval:
+    """Return the share of the quickest opponent's steps to the threshold that an arm saves.
+
+    ``1 - mean(A) / min_c mean(B_c)`` of the steps A of the arm and B_c of n opponents, (K,). The
+    interval is that of the smallest of the n true log ratios ``ln(mean(B_c) / mean(A))``, as in
+    :func:`verdicts_of`, by the linear part of their errors (Hedges et al. 1999).
+
+    A seed that never reaches the threshold counts with a lower bound of its steps. If the quickest
+    opponent has such seeds, the share is at least the estimate, and `high` is that of opponents
+    without them, or 1; if the arm has, it is at most the estimate, and `low` is -inf. It is NaN if
+    both have, or if the opponent takes no step.
+
+    Examples
+    --------
+    >>> fast, slow = (Times(np.array(k), np.ones(4, bool)) for k in ([3, 4, 5, 4], [9, 8, 7, 8]))
+    >>> print(steps_saved_share(fast, [slow]))
+    0.500 [0.186, 0.693], 4 seeds
+    """
+    mean, means = arm.steps.mean(), np.array([times.steps.mean() for times in opponents])
+    complete = np.array([times.reached.all() for times in opponents])
+    share = Interval(math.nan, math.nan, math.nan, 1 - SIGNIFICANT, arm.steps.size)
+    if means.min() == 0 or not (arm.reached.all() or complete[means.argmin()]):
+        return share
+    if mean == 0:
+        return replace(share, estimate=1.0)
+    rows = np.stack([times.steps for times in opponents]) / means[:, np.newaxis] - arm.steps / mean
+    rows += np.log(means / mean)[:, np.newaxis]
+    ratio = _smallest_gain(rows)
+    if not np.isnan(ratio.low):
+        low, high = ratio.low if arm.reached.all() else -math.inf, math.inf
+        if complete.any():
+            above = _smallest_gain(rows[complete])
+            high = float(np.nanmax([above.high, above.estimate]))  # no bound without a spread
+        share = replace(share, low=-math.expm1(-low), high=-math.expm1(-high))
+    return replace(share, estimate=-math.expm1(-ratio.estimate))
 
 
 NO_MORE = "not shown to gain more than from an unrelated task"

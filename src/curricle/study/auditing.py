@@ -14,7 +14,7 @@ from typing import Any
 
 from curricle.checks import listed, whole_number
 from curricle.comparison.opponents import OPPONENTS, Opponent, unasked_learners
-from curricle.comparison.sentences import short
+from curricle.comparison.sentences import share_saved, short
 from curricle.errors import ConfigError, SettingError
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms, scratch_data
@@ -101,6 +101,7 @@ def _measures(results: StudyResults, arm: str, rival: str) -> dict[str, str]:
         measures |= {"opponent": rival, "gain over it": short(gain)}
         measures["gain over it, sources free"] = short(comparison.weak_gain(arm, rival))
         measures["steps until learnt: the arm; it"] = "; ".join(steps)
+        measures["share of its steps saved"] = share_saved(comparison, arm, rival)
     for owner, name in (("the arm", arm), ("it", rival)):
         if tuned is not None and name in tuned.arms:
             measures[f"trials of {owner}"] = tuned.arms[name].words

@@ -57,7 +57,7 @@ def test_a_curriculum_is_compared_with_its_own_controls():
         good=line(10), weak=line(4, curriculum="good"), strong=line(9, curriculum="good")
     )
     curriculum, *controls = findings(result)
-    text = curriculum.sentences[3].replace("\xa0", " ")
+    text = curriculum.sentences[4].replace("\xa0", " ")
     assert text.startswith("Gains more than each of its 2 controls: yes, +1.01 [")
     assert text.endswith("the strongest is strong.")
     assert not any("(p" in finding.sentences[0] for finding in controls)
@@ -87,8 +87,9 @@ def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
 
 def test_saved_steps_are_bounds_where_seeds_never_got_there():
     cells = page_table(compared(good=line(10, 20), bad=line(1)))
-    assert cells["good"]["strong_steps_saved"].text == "80.0"
-    assert cells["bad"]["strong_steps_saved"].text == "never reached"
+    assert cells["good"]["share_of_steps_saved"].text == "at least 0.800"
+    assert cells["bad"]["weak_steps_saved"].text == "never reached"
+    assert cells["bad"]["share_of_steps_saved"].below == "(seeds of both never get there)"
     reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, Reference(5.0), 1)
     assert page_table(reverse)["bad"]["weak_steps_saved"].text == "−80.0"
     # Reached after 70 of 80 target steps: 110 with those of the source, beyond all 100 steps.
@@ -96,7 +97,7 @@ def test_saved_steps_are_bounds_where_seeds_never_got_there():
     late = Arm(Curve(steps, values, np.full(8, 40)))
     cells = page_table(compared(late=late))["late"]
     assert cells["weak_steps_saved"] == ("10.0", "")
-    assert cells["strong_steps_saved"] == ("never reached", "")
+    assert cells["share_of_steps_saved"].text.startswith("unknown")
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=5))
