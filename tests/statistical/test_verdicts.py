@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from curricle.comparison.verdicts import Reason, verdicts_of
+from curricle.comparison.verdicts import Reason, seeds_to_show, verdicts_of
 from curricle.study import compare_studies, read_study, run_study
 
 pytestmark = pytest.mark.slow
@@ -160,3 +160,23 @@ def test_a_curriculum_that_equals_the_best_of_several_from_scratch_seldom_differ
             lower = {name: returns[name] - weaker * n for n, name in enumerate(names)}
             wrong.append(verdicts_of({**returns, **lower}, {"arm": names})["arm"].direction != 0)
         assert np.mean(wrong) <= ALLOWED
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.5])
+@pytest.mark.parametrize("gain", [0.5, 1.0])
+def test_80_percent_of_studies_with_the_recommended_seeds_show_the_gain(gain, beyond):
+    """Over four opponents, each `beyond` of a standard deviation below the one before."""
+    rng, below = np.random.default_rng(2024), np.arange(4)[:, np.newaxis] * beyond
+
+    def drawn(seeds):
+        return gain + rng.normal(size=seeds), rng.normal(size=(4, seeds)) - below
+
+    arm, opponents = drawn(20_000)
+    apart = arm - opponents
+    seeds = seeds_to_show(apart - apart.mean(axis=1, keepdims=True) + gain + below)
+    shown = []
+    for _ in range(STUDIES // 4):
+        arm, opponents = drawn(seeds)
+        returns = {"arm": arm, **{f"{n}": of for n, of in enumerate(opponents)}}
+        shown.append(verdicts_of(returns, {"arm": list("0123")})["arm"].direction > 0)
+    assert np.mean(shown) == pytest.approx(0.8, abs=0.05)

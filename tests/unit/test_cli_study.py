@@ -115,6 +115,8 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tm
     assert "about" in out
     assert "one processor" in out
     assert re.search("arm chain\ntraining .*\nForecast for 'maze': ", out)
+    said = re.findall(r"about [\d,]+ seeds show a gain of .*? this study has 4", " ".join(lines))
+    assert len(said) == 3  # of each arm
     # Of "state" and "scaled" too. Trials train tasks of other names, the target's among them.
     trained = [call["stream"] for call in calls]
     once = [name for name in trained if not name.endswith("/trial")]

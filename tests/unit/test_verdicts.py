@@ -11,8 +11,8 @@ from scipy import stats
 
 from curricle.comparison import Comparison, Reference, seeds_needed, verdicts, verdicts_of
 from curricle.comparison.controls import CHANGES
-from curricle.comparison.sentences import findings, page_table, share_saved
-from curricle.comparison.verdicts import ASKING, SIGNIFICANT, steps_saved_share
+from curricle.comparison.sentences import findings, page_table, seeds_sentence, share_saved
+from curricle.comparison.verdicts import ASKING, SIGNIFICANT, seeds_to_show, steps_saved_share
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics import Times, mean_interval, sign_flip_test
 from curricle.statistics.hypothesis_tests import holm, sign_flip_tests
@@ -408,6 +408,57 @@ def test_other_controls_do_not_decide_but_a_placebo_outside_the_portfolio_does()
     assert with_pretraining.contrasts["mean"].reason == "by what it knows"
     assert with_placebo.knowledge_verdicts["mean"].rival == "mean, placebo, alone"
     assert with_placebo.reasons["mean"].why == "placebo"
+
+
+# -- the seeds that a gain needs ------------------------------------------------------------------
+
+
+def power_of_t(gain, seeds):
+    """The power of Student's two-sided test of a gain in standard deviations of a difference."""
+    limit, shift = stats.t.ppf(0.975, seeds - 1), gain * math.sqrt(seeds)
+    return stats.nct.sf(limit, seeds - 1, shift)
+
+
+@pytest.mark.parametrize("gain", [0.25, 0.4, 0.6, 0.8, 1.0])
+def test_as_many_seeds_are_asked_for_as_students_test_of_one_rival_needs(gain):
+    noise = np.random.default_rng(1).normal(size=2_000)
+    seeds = seeds_to_show((gain + (noise - noise.mean()) / noise.std(ddof=1))[np.newaxis])
+    assert power_of_t(gain, seeds - 2) - 0.02 < 0.8 < power_of_t(gain, seeds) + 0.02
+
+
+def test_a_gain_over_several_rivals_needs_more_seeds_where_all_are_near():
+    rng = np.random.default_rng(2)
+    noise = rng.normal(size=(7, 500)) + rng.normal(size=500)  # that of the arm is shared
+    noise -= noise.mean(axis=1, keepdims=True)
+    near, far = (0.5 + noise + beyond * np.arange(7)[:, np.newaxis] for beyond in (0.0, 2.0))
+    alone, with_far, with_near = map(seeds_to_show, (far[:1], far, near))
+    assert with_far == pytest.approx(alone, abs=2)
+    assert with_near > 1.4 * alone
+    assert seeds_to_show(near + 0.5) < with_near == seeds_to_show(4 * near)
+    assert seeds_to_show(near, 5) > with_near  # adjusted for five curricula
+    assert seeds_to_show(far + 1e6) == seeds_needed() + 2
+    assert seeds_to_show(np.full((1, 5), 2.0)) == seeds_needed() + 2  # without a spread
+    with pytest.raises(SettingError, match=r"gains must be above 0: rival 1 has -1\.0"):
+        seeds_to_show(near - np.arange(7)[:, np.newaxis] * 1.5)
+
+
+def test_the_sentence_on_seeds_is_of_the_gain_or_of_half_a_standard_deviation():
+    better = compared(scratch=column(0), mine=column(2))
+    gain, seeds = better.seeds_to_show("mine")
+    assert gain == pytest.approx(better.contrasts["mine"].strong_gain.estimate)
+    said = seeds_sentence(better, "mine", 1, 20)
+    assert said == (
+        f"about {seeds} seeds show a gain of {gain:.3g} in 80 % of studies of this spread; this "
+        "study has 20"
+    )
+    worse = compared(scratch=column(2), mine=column(0))
+    half, seeds = worse.seeds_to_show("mine")
+    assert half == pytest.approx(np.std(column(2), ddof=1) / 2)
+    sentence = f"about {seeds} seeds show a gain of {half:.3g}, half a standard deviation of its"
+    assert seeds_sentence(worse, "mine", 1, 20).startswith(sentence)
+    assert worse.seeds_to_show("mine", 4)[1] > seeds
+    even = compared(scratch=[1.0] * 8, mine=[1.0] * 8)
+    assert seeds_sentence(even, "mine", 1, 20) == seeds_sentence(better, "failed", 1, 20) == ""
 
 
 # -- the steps that an arm saves ------------------------------------------------------------------

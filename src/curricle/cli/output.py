@@ -13,7 +13,7 @@ from curricle.checks import one_of
 from curricle.comparison.cost import Cost, costs, examining_seconds
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.plan import Memory, numbered_seeds, seed_ranges
-from curricle.comparison.sentences import EXPLAINED
+from curricle.comparison.sentences import EXPLAINED, seeds_sentence
 from curricle.comparison.trial import hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
@@ -312,10 +312,14 @@ def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
     """Return the text that a study has too few seeds for any verdict; empty if it has enough."""
-    curricula = sum(not (arm.scratch or arm.of) for arm in arms.arms.values())
-    if not study.compared or SCRATCH not in arms.curricula or not curricula:
-        return ""
-    return too_few_seeds(len(study.seeds), seeds_needed(curricula))
+    asked = questions(study, arms)
+    return too_few_seeds(len(study.seeds), seeds_needed(asked)) if asked else ""
+
+
+def questions(study: StudyConfig, arms: Arms) -> int:
+    """Return the number of curricula that a study has verdicts on; 0 where nothing is compared."""
+    compared = study.compared and SCRATCH in arms.curricula
+    return sum(not (arm.scratch or arm.of) for arm in arms.arms.values()) if compared else 0
 
 
 def graph(curriculum: Curriculum) -> Iterator[str]:
@@ -432,4 +436,8 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
             print_text(f"no forecast: {error}")
             continue
         print(made.text(line_width()))
+        if made.trial is not None and (asked := questions(study, arms)):
+            of_trial = made.trial.comparison, made.used.name
+            if sentence := seeds_sentence(*of_trial, asked, len(study.seeds)):
+                print_text(sentence)
         trained |= {(keys[source], seeds): values for source, values in made.trained.items()}

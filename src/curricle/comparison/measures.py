@@ -21,6 +21,7 @@ from curricle.comparison.verdicts import (
     Verdict,
     difference,
     earlier_looks,
+    seeds_to_show,
     steps_saved_share,
     verdicts_of,
 )
@@ -502,6 +503,20 @@ class MeasuredArms:
             name: Reason(pays, over.get(name), self[name].knows_target, unrelated.get(name))
             for name, pays in self.verdicts.items()
         }
+
+    def seeds_to_show(self, name: str, questions: int = 1) -> tuple[float, int]:
+        """Return a gain, and the seeds with which 80 % of studies of this spread show it.
+
+        The gain is an arm's own, or, where the arm gains nothing, half a standard deviation of its
+        best opponent's runs; `questions` is the number of curricula. NaN, 0 without a spread.
+        """
+        rivals = [self.returns[rival] for rival in self.opponents(name)]
+        apart = np.stack([difference(self.returns[name], rival) for rival in rivals])
+        own = float(apart.mean(axis=1).min())
+        gain = own if own > 0 else 0.5 * float(self.returns[self.best_opponent(name)].std(ddof=1))
+        if self.seeds == 1 or not gain > 0:
+            return NAN, 0
+        return gain, seeds_to_show(apart - own + gain, questions)
 
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never reach it are censored."""

@@ -645,6 +645,19 @@ def steps_and_gain(arms: MeasuredArms, name: str) -> str:
     )
 
 
+def seeds_sentence(arms: MeasuredArms, name: str, questions: int, seeds: int) -> str:
+    """Return a sentence on the seeds that a study like this trial needs, and those it has."""
+    if arms.nobody or name not in arms.contrasts:
+        return ""
+    gain, enough = arms.seeds_to_show(name, questions)
+    own = float(arms.contrasts[name].strong_gain.estimate) > 0
+    what = f"gain of {gain:.3g}" + ", half a standard deviation of its opponent's runs," * (not own)
+    return (
+        f"about {counted(enough, 'seed')} show a {what} in 80 % of studies of this spread; this "
+        f"study has {seeds}"
+    ) * bool(enough)
+
+
 def _expected(arms: MeasuredArms, name: str) -> str:
     times = arms.times(name)
     missed = int((~times.reached).sum())

@@ -11,7 +11,8 @@ compared with the spread of single draws (:func:`_beside_draws`).
 
 Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sampling",
 Technometrics 24, 1982 (intersection-union tests); Hedges, Gurevitch and Curtis, "The meta-analysis
-of response ratios in experimental ecology", Ecology 80, 1999.
+of response ratios in experimental ecology", Ecology 80, 1999; Guenther, "Sample size formulas for
+normal theory t tests", American Statistician 35, 1981.
 """
 
 import math
@@ -21,14 +22,14 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtr
+from scipy.special import ndtri, stdtr
 
 from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING, Times
 from curricle.statistics.hypothesis_tests import holm, sign_flip_tests, smallest_p
-from curricle.statistics.intervals import Interval, mean_interval, vector
+from curricle.statistics.intervals import Interval, check_each, mean_interval, vector
 from curricle.text import brief_repr, printed
 from curricle.transfer.transfer import FOUND
 
@@ -36,6 +37,7 @@ SIGNIFICANT = 0.05  # adjusted p-values below this count as a difference
 DRAWS, DRAWS_A_TEST = 10_000, 100
 """Fewest sign vectors to draw where there are too many seeds to count all; and how many to draw for
 each test of a family, so that the smallest p-value can stay significant when it is adjusted."""
+POWER = 0.8  # of studies that show a gain, with as many seeds as are recommended
 UNLIKELY = 1e-12  # probability of what is taken not to happen
 
 
@@ -203,6 +205,31 @@ def seeds_needed(questions: int = 1) -> int:
     while tests * smallest_p(seeds, draws) >= SIGNIFICANT:
         seeds += 1
     return seeds
+
+
+def seeds_to_show(differences: FloatArray, questions: int = 1) -> int:
+    """Return the seeds with which 80 % of studies show that an arm gains more than n rivals.
+
+    Their true differences are the means of `differences`, (n, K); errors are normal with the
+    covariance of the K seeds. Student's test needs q^2 / 2 seeds more than the normal (Guenther
+    1981), where q is the quantile that the rivals' statistics exceed. SettingError unless all means
+    are above 0.
+
+    Examples
+    --------
+    >>> noise = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    >>> [seeds_to_show(np.stack([gain + noise])) for gain in (3.0, 1.0, 0.5)]
+    [8, 22, 79]
+    """
+    means, spread = differences.mean(axis=1), differences.std(axis=1, ddof=1)
+    check_each("gains must be above 0", means > 0, means, "rival")
+    seeds = differences.shape[1]
+    apart = (differences - means[:, np.newaxis]) / np.where(spread > 0, spread, 1)[:, np.newaxis]
+    errors = np.random.default_rng(0).normal(size=(DRAWS, seeds)) @ apart.T / math.sqrt(seeds - 1)
+    q = float(ndtri(1 - SIGNIFICANT / 2 / questions))
+    enough = (np.maximum(q - errors, 0) * spread / means).max(axis=1) ** 2
+    fewest = seeds_needed(questions) + 2  # with fewer, nearly all differences must have one sign
+    return max(fewest, math.ceil(float(np.quantile(enough, POWER)) + q**2 / 2))
 
 
 def earlier_looks(looks: Sequence[int], questions: int, seeds: int) -> list[int]:
