@@ -23,8 +23,9 @@ def tie(row, bits):
 class NaivePlan:
     """A table planned in a model; a change of a state waits until its turn to be propagated."""
 
-    def __init__(self, q, model, learner, discount, key):
+    def __init__(self, q, model, learner, discount, key, backups):
         self.q, self.model, self.learner, self.discount = q.tolist(), model, learner, discount
+        self.backups = backups
         low, self.highest = learner.value_range
         self.least = (self.highest - low) * max(1e-6, 1e-3 * (1 - discount))
         self.greedy = [tie(row, splitmix64(key ^ splitmix64(s))) for s, row in enumerate(self.q)]
@@ -54,7 +55,7 @@ class NaivePlan:
 
     def sweep(self, bits):
         done = 0
-        while done < self.learner.backups and self.queue:
+        while done < self.backups and self.queue:
             after = self.queue.pop(0)
             change = self.value(after) - self.propagated[after]
             self.propagated[after] = self.value(after)
@@ -67,7 +68,7 @@ class NaivePlan:
                     self.set(state, action, self.q[state][action] + share * change, bits_of)
 
 
-def r_max(task, learner, steps, seed, phi=None):
+def r_max(task, learner, steps, seed, phi=None, backups=20):
     """Return what `learn` returns, and how often each pair was tried."""
     mdp, learner = task.mdp, learner.for_task(task)
     low, high = learner.value_range
@@ -78,7 +79,7 @@ def r_max(task, learner, steps, seed, phi=None):
     hoped[mdp.terminal] = q[mdp.terminal] = 0.0
     counter = stream_start(seed, "")
     model = defaultdict(list)
-    settings = model, learner, mdp.discount, splitmix64(counter)
+    settings = model, learner, mdp.discount, splitmix64(counter), backups
     plans = acting, sober = NaivePlan(hoped, *settings), NaivePlan(q, *settings)
     state, length = None, 0
     for _ in range(steps):
@@ -113,9 +114,9 @@ def r_max(task, learner, steps, seed, phi=None):
 
 LEARNERS = {
     "default": RMax(),
-    "once": RMax(min_visits=1, backups=1),
+    "once": RMax(min_visits=1),
     "greedy": RMax(epsilon=0.0, min_visits=3),
-    "given range": RMax(value_range=(-30, 20), initial_value=1.0, backups=1000),
+    "given range": RMax(value_range=(-30, 20), initial_value=1.0),
 }
 
 
@@ -154,8 +155,8 @@ def test_both_tables_solve_the_learnt_model(seed):
     """Each is within its error of the fixed point of its Bellman equation."""
     task = random_mdp(seed, n_states=8, discount=0.9)
     low, high = value_bounds(task)
-    learner = RMax(backups=1000)
-    sober, hoped, model = r_max(task, learner, 2000, seed)
+    learner = RMax()
+    sober, hoped, model = r_max(task, learner, 2000, seed, backups=1000)
     for q, untried in ((sober, low), (hoped, high)):
         solved = np.where(task.mdp.terminal[:, None], 0.0, np.full(q.shape, untried))
         for _ in range(400):

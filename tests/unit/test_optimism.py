@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle.errors import SettingError
-from curricle.learning import OptimisticQLearning, RMax, learners, trainers, value_bounds
+from curricle.learning import OptimisticQLearning, RMax, learners, value_bounds
 from curricle.learning.storage import Storage
 from tests.support.refusals import check_values
 from tests.support.tasks import ring, ring_by_tables
@@ -52,7 +52,7 @@ def test_settings_out_of_range_are_refused():
 
 
 def test_r_max_has_rules_of_its_own():
-    wrong = {"min_visits": [0, 1.5], "backups": [0], "epsilon": [2.0], "value_range": [(2, 1)]}
+    wrong = {"min_visits": [0, 1.5], "epsilon": [2.0], "value_range": [(2, 1)]}
     check_values(SettingError, RMax, wrong)
     with pytest.raises(TypeError, match="learning_rate"):
         RMax(learning_rate=0.1)
@@ -64,21 +64,21 @@ def test_r_max_has_rules_of_its_own():
     assert (learnt.greedy_return[:, -1] > learnt.greedy_return[:, 0]).all()
     again = cr.learn(ring(), RMax(value_range=(-10, 0)), 300, seeds=2, workers=2)
     np.testing.assert_array_equal(learnt.values, again.values)
-    with pytest.raises(SettingError, match=r"by QInitialisation alone: got LookAheadAdvice"):
-        cr.learn(cr.GridWorld("S.T"), RMax(), 10, shaping=cr.LookAheadAdvice(PAIRS))
 
 
 def test_a_model_is_bounded(monkeypatch):
     monkeypatch.setattr(learners, "MOST_MODELLED", 2 * ring().states.size)
-    with pytest.raises(SettingError, match="at most 18 pairs;"):
+    with pytest.raises(SettingError, match=r"pairs for RMax \(.*must lie in \[1, 18\]: got 20"):
         cr.learn(ring(10), RMax(value_range=(-10, 0)), 10)
-    whole = cr.learn(ring(), RMax(value_range=(-10, 0)), 300, eval_freq=10)
-    monkeypatch.setattr(trainers, "MOST_OUTCOMES", 12)
-    short = cr.learn(ring(), RMax(value_range=(-10, 0)), 300, eval_freq=10)
-    assert (whole.out_of_memory.any(), short.out_of_memory.all()) == (False, True)
-    n = int(short.steps_used[0]) // 10 + 1
-    assert 1 < n < 31
-    np.testing.assert_array_equal(short.greedy_return[0, :n], whole.greedy_return[0, :n])
+
+
+def test_r_max_takes_a_potential_as_the_start_of_untried_pairs():
+    task = cr.GridWorld("S....T", discount=0.9)
+    phi = np.random.default_rng(2).normal(size=(6, 4)) * 50
+    ways = [cr.QInitialisation(phi), cr.LookAheadAdvice(phi), None]
+    learnt = [cr.learn(task, RMax(), 60, eval_freq=5, shaping=way) for way in ways]
+    np.testing.assert_array_equal(learnt[0].values, learnt[1].values)
+    assert (learnt[0].values != learnt[2].values).any()
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

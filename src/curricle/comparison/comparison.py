@@ -131,9 +131,8 @@ def compare(
         Any of ``random_start``, ``pretraining``, ``placebo``, ``negated`` and ``unrelated``, run
         for each curriculum (``curricle.comparison.controls`` explains them).
     opponents : sequence of str
-        Any of ``constant``, ``bounds``, ``optimistic`` and ``model-based``: learners from scratch
-        besides the target's own, by default the first three (``curricle.comparison.opponents``
-        explains them).
+        Any of ``constant``, ``bounds``, ``optimistic`` and, not by default, ``model-based``:
+        learners from scratch besides the target's own (``curricle.comparison.opponents``).
     scratch : sequence of learners, or dict of str to learner
         Further learners that learn the target from scratch.
     threshold : float, optional

@@ -42,8 +42,7 @@ from curricle.transfer.potential import AnyPotential
 
 Opponent = Literal["constant", "bounds", "optimistic", "model-based"]
 OFFERED: tuple[Opponent, ...] = get_args(Opponent)
-OPPONENTS = OFFERED[:3]
-"""Those that play by default."""
+OPPONENTS = OFFERED[:3]  # that play by default
 CONSTANTS: dict[str, Callable[[FloatArray], Any]] = {
     "constant mean": np.mean,
     "constant minimum": np.min,

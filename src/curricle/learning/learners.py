@@ -195,7 +195,6 @@ class OptimisticLearner(Learner):
     update: ClassVar[int] = Q_LEARNING
     tables: ClassVar[int] = 2
     asks_task: ClassVar[bool] = True
-    shapings: ClassVar[tuple[str, ...]] = ("QInitialisation", "LookAheadAdvice")
 
     def __post_init__(self) -> None:
         bounds = value_range_of(type(self).__name__, self.value_range)
@@ -259,46 +258,27 @@ class OptimisticQLearning(OptimisticLearner):
     counts: ClassVar[int] = 1
     default_epsilon: ClassVar[float] = 0.0
 
-    def for_task(self, task: Task) -> Self:
-        """Return the learner with its task's settings; SettingError if the task determines none."""
-        if self.learning_rate is None:
-            horizon_of("OptimisticQLearning without learning_rate", task)
-        return super().for_task(task)
-
 
 @dataclass(frozen=True)
 class RMax(OptimisticLearner):
-    """R-max: it plans in a model of what it has seen, and hopes for the best of what it has not.
+    """R-max: it plans in a model of what was seen, where untried pairs have the highest value.
 
-    A pair's model is the mean reward and the frequencies of its outcomes so far. A pair tried less
-    than `min_visits` times is worth the highest value of the task, and actions are greedy on the
-    values of this model (Brafman, Tennenholtz 2002). Each step updates the values of two tables
-    backwards from states whose value has changed (van Seijen, Sutton 2013): that which is acted on,
-    and Q, in which untried pairs have the lowest value. Q is evaluated, returned and transferred.
-
-    With a potential phi by :class:`QInitialisation`, an untried pair that a source knows is worth
-    phi plus a tenth of the range of phi, within the bounds of the task's values (Asmuth, Littman,
-    Zinkov 2008). Other shapings, portfolios and sparse tables are refused.
+    Pairs count as tried from `min_visits` visits on; their model is the mean reward and the
+    frequencies of the outcomes so far (Brafman, Tennenholtz 2002). Each step updates some 20 pairs
+    of two tables, back from states whose value has changed (van Seijen, Sutton 2013): of that which
+    is acted on, and of Q, in which untried pairs have the lowest value. Q is evaluated, returned
+    and transferred. With a potential phi, untried pairs that a source knows have phi plus a tenth
+    of its range instead of the highest value (Asmuth, Littman, Zinkov 2008). What is refused is as
+    for :class:`OptimisticQLearning`, and tasks of more than 5,000,000 pairs.
 
     Parameters
     ----------
     epsilon, inverse_temperature : optional
         As for other learners. Without exploration an unlucky outcome of a pair may rule for good.
-    initial_value : float, optional
-        Q of an untried pair; the lowest value by default.
-    value_range : (float, float), optional
+    initial_value, value_range : optional
         As for :class:`OptimisticQLearning`.
     min_visits : int
         Visits from which on a pair's model is used, m of R-max.
-    backups : int
-        Pairs of each table that a step updates, besides its own. The pairs that lead to a state are
-        updated together, so that there may be more.
-
-    Raises
-    ------
-    SettingError
-        When a number is out of range; by :func:`learn` when the task determines no range or has
-        more than 5,000,000 pairs.
 
     Examples
     --------
@@ -309,24 +289,17 @@ class RMax(OptimisticLearner):
 
     learning_rate: None = field(default=None, init=False, repr=False)
     min_visits: int = 2
-    backups: int = 20
-
-    shapings: ClassVar[tuple[str, ...]] = ("QInitialisation",)
-    counts: ClassVar[int] = 3  # visits, mean rewards and lists of outcomes take as much
+    counts: ClassVar[int] = 6  # the model takes as much, with an outcome a pair
 
     def __post_init__(self) -> None:
-        for name in ("min_visits", "backups"):
-            whole_number(f"{name} of RMax", getattr(self, name), 1, SettingError)
+        whole_number("min_visits of RMax", self.min_visits, 1, SettingError)
         super().__post_init__()
 
     def for_task(self, task: Task) -> Self:
         """Return the learner with its task's settings; SettingError if the task is too large."""
-        model = generative_model(task)
-        if (pairs := model.states.size * model.actions.size) > MOST_MODELLED:
-            raise SettingError(
-                f"RMax keeps a model of every pair, for at most {MOST_MODELLED:,} pairs; "
-                f"OptimisticQLearning takes more: got {pairs:,}"
-            )
+        model, name = generative_model(task), "pairs for RMax (OptimisticQLearning takes more)"
+        pairs = model.states.size * model.actions.size
+        number(name, pairs, SettingError, 1, MOST_MODELLED)
         return super().for_task(task)
 
 

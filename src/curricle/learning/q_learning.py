@@ -1,4 +1,4 @@
-"""The fast loop: Q-learning on unshaped rewards, as for Q-initialisation and look-ahead advice.
+"""The fast loop: Q-learning without shaping, or with a potential at its start; and R-max.
 
 The maximum of each row and a greedy action are stored with it, and computed anew only when that
 value was lowered: most steps scan no row. A portfolio's learners have rows side by side.
@@ -16,6 +16,7 @@ from curricle.learning.learners import (
     outcome_of,
     sober_rate,
 )
+from curricle.learning.model_based import note_outcome, plan_from
 from curricle.learning.portfolio import (
     INFORMED,
     OPTIMIST,
@@ -29,8 +30,8 @@ from curricle.learning.portfolio import (
 )
 from curricle.learning.record import Checkpoint, noted_end
 from curricle.learning.schedules import rate_of
-from curricle.learning.storage import find_row_maxima, is_full, row_of
-from curricle.planning.greedy import ACTION, TIED, best_of, greedy_action, highest
+from curricle.learning.storage import Change, find_row_maxima, is_full, row_of, update
+from curricle.planning.greedy import ACTION, greedy_action, highest
 from curricle.planning.policy_evaluation import SLICE, greedy_return
 from curricle.tasks.kernel import (
     STRIDE,
@@ -69,15 +70,6 @@ def _double(beside, q, number):
     return np.float64(number)
 
 
-class Change(NamedTuple):
-    """An update of a pair of the row that an action was taken in."""
-
-    action: np.uint64
-    rate: float
-    target: float
-    bits: np.uint64  # break a tie
-
-
 class MembersChange(NamedTuple):
     """The targets of a portfolio's members for a pair."""
 
@@ -88,22 +80,6 @@ class MembersChange(NamedTuple):
     optimistic: float
     sober: float
     explores: bool  # whether an optimist acted
-
-
-@inlined
-def update(q, best, greedy, row, change):
-    """Move q(row, action) towards the target, and update the row's maximum and greedy action."""
-    action = change.action
-    old = q[row, action]
-    new = q.dtype.type(old + change.rate * (change.target - old))
-    if new != old:
-        q[row, action] = new
-        if new > best[row]:
-            best[row], greedy[row] = new, action
-        elif old == best[row] or new == best[row]:
-            best[row], greedy[row] = best_of(q, row, change.bits)
-    elif np.uint64(greedy[row]) == action | TIED:
-        greedy[row] = best_of(q, row, change.bits)[1]  # each visit draws afresh among several
 
 
 @inlined
@@ -148,25 +124,26 @@ def acting_on(members, table, member, state, bits):
 def train_q_learning(model, rule, tables, course):
     """Learn in place on a table, fill the record, return the steps and episodes done.
 
-    `tables` are the table that is acted on, that which is evaluated, a :class:`Beside` or None, and
-    the :class:`Members` of a portfolio or None. A full table ends the run before the step that
-    needs another row.
+    `tables` are the table that is acted on, that which is evaluated, and a :class:`Beside`, the
+    :class:`Members` of a portfolio and a :class:`LearntModel`, or None. A full table ends the run
+    before the step that needs another row.
     """
-    return learn_fast(model, rule, tables, tables[2], tables[3], course)
+    return learn_fast(model, rule, tables, tables[2], tables[3], tables[4], course)
 
 
 @inlined  # so that no reference to an array is counted, which takes time to run and to compile
-def learn_fast(model, rule, tables, beside, members, course):
+def learn_fast(model, rule, tables, beside, members, learnt_model, course):
     """Learn as :func:`train_q_learning` says."""
-    # Where `beside` or `members` is None, Numba leaves out what is done with it, as an argument.
+    # Numba leaves out what is done with an argument that is None.
     #
     # Rows of a far table arrive late from memory. There the update of a step is made during the
     # next one, before anything it changes is read, so that results are the same.
     table, learnt, record = tables[0], tables[1], course.record
-    if beside is not None:
+    if beside is not None or learnt_model is not None:
         find_row_maxima(learnt)
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
-    limit, eval_freq, far = course.limit, course.eval_freq, len(table.far) > 0
+    far = len(table.far) > 0 and learnt_model is None
+    limit, eval_freq = course.limit, course.eval_freq
     discount, nothing = as_learnt(beside, q, course.discount), as_learnt(beside, q, 0.0)
     if members is not None:
         find_row_maxima(members.source)
@@ -227,7 +204,12 @@ def learn_fast(model, rule, tables, beside, members, course):
             if is_full(table, next_row):
                 row = next_row
                 break
-            if members is None:
+            if learnt_model is not None:
+                note_outcome(learnt_model, state, action, reward, next_state, terminated)
+                if learnt_model.pairs[state, action].visits >= learnt_model.min_visits:
+                    for plan in learnt_model.plans:
+                        plan_from(learnt_model, plan, course.discount, state, action, bits)
+            elif members is None:
                 target = as_learnt(beside, q, reward)
                 if beside is not None and beside.visits.horizon > 0.0:
                     outcome = outcome_of(next_state, reward)
@@ -264,7 +246,7 @@ def learn_fast(model, rule, tables, beside, members, course):
             ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)
             if far and not ends and next_row != row and step + 1 < stop:
                 pending = row
-            else:
+            elif learnt_model is None:
                 update_all(table, members, row, change, changes)
             step, episode_return = step + 1, episode_return + reward
             state, row = next_state, next_row

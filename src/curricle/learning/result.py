@@ -1,7 +1,7 @@
 """The result of learning: curves, values and totals of K seeds, joined, saved and shown."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
@@ -429,9 +429,7 @@ def learner_record(learner: Any) -> dict[str, Any]:
     kind = type(learner)
     if LEARNERS_BY_NAME.get(kind.__name__) is not kind:
         return {"type": kind.__name__}
-    settings = {
-        setting.name: getattr(learner, setting.name) for setting in fields(learner) if setting.init
-    }
+    settings = {name: getattr(learner, name) for name in kind.__match_args__}
     return {
         "type": kind.__name__,
         "settings": {

@@ -115,10 +115,10 @@ class Shaping(ABC):
             raise SettingError(
                 f"a portfolio is for QLearning alone, as its members are fixed: got {learner!r}"
             )
-        if isinstance(learner, OptimisticLearner) and self.name not in learner.shapings:
+        if isinstance(learner, OptimisticLearner) and not self.starts_at_potential:
             raise SettingError(
                 f"{type(learner).__name__} has bounds of the task's own values, so it takes a "
-                f"potential by {' or '.join(learner.shapings)} alone: got {self.name}"
+                f"potential by QInitialisation or LookAheadAdvice alone: got {self.name}"
             )
 
     def for_task(self, task: Task) -> Self:

@@ -210,6 +210,31 @@ def tie_bits(key, state):
     return splitmix64(key ^ splitmix64(state))
 
 
+class Change(NamedTuple):
+    """An update of a pair of the row that an action was taken in."""
+
+    action: np.uint64
+    rate: float
+    target: float
+    bits: np.uint64  # break a tie
+
+
+@inlined
+def update(q, best, greedy, row, change):
+    """Move q(row, action) towards the target, and update the row's maximum and greedy action."""
+    action = change.action
+    old = q[row, action]
+    new = q.dtype.type(old + change.rate * (change.target - old))
+    if new != old:
+        q[row, action] = new
+        if new > best[row]:
+            best[row], greedy[row] = new, action
+        elif old == best[row] or new == best[row]:
+            best[row], greedy[row] = best_of(q, row, change.bits)
+    elif np.uint64(greedy[row]) == action | TIED:
+        greedy[row] = best_of(q, row, change.bits)[1]  # each visit draws afresh among several
+
+
 # -- dense ---------------------------------------------------------------------------------------
 
 

@@ -1,7 +1,7 @@
 """The trainers of one seed, one for each kind of table: each fills tables and runs a loop on them.
 
 Q-learning on unshaped rewards has a fast loop: on dense tables, on sparse ones, or on those of a
-portfolio, side by side. All else has the general loop.
+portfolio, side by side; so has planning in a learnt model. All else has the general loop.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ from curricle.learning.learners import (
     RMax,
     Visits,
 )
-from curricle.learning.model_based import LearntModel, Plan, train_in_model
+from curricle.learning.model_based import LearntModel
 from curricle.learning.portfolio import (
     SOBER,
     Members,
@@ -53,7 +53,6 @@ from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, available_actions
 from curricle.tasks.models import has_users_code
 
 NEAR = 32_768  # bytes of a table that stays in the processor's nearest cache
-MOST_OUTCOMES = 2**24  # of all pairs of a model, 20 bytes each
 UNROLLED = 64  # actions up to which a loop is compiled for their number: an eighth faster
 
 
@@ -261,7 +260,7 @@ def train_dense(run: Run, seed: Seed) -> Outcome:
     """Train on a row for every state; an optimistic learner also on the table that it acts on."""
     q = run.filled(seed.initial, seed.out)
     acts, learnt = q, run.dense(seed, q)
-    tables: Any = learnt, learnt, None, None
+    tables: Any = learnt, learnt, None, None, None
     if isinstance(run.learner, OptimisticQLearning):
         assert run.learner.value_range is not None
         assert run.learner.initial_value is not None
@@ -271,7 +270,7 @@ def train_dense(run: Run, seed: Seed) -> Outcome:
             acts[run.task.terminal] = 0.0
         visits = Visits.none(np.zeros(run.shape, np.uint64), run.horizon or 0.0)
         beside = Beside(highest, highest - lowest or 1.0, visits)
-        tables = run.dense(seed, acts), learnt, beside, None
+        tables = run.dense(seed, acts), learnt, beside, None, None
     totals = run.loop(train_q_learning, seed, tables, learnt, acts[None])
     q[run.only_ends(seed.record, q[None], seed.initial)] = 0.0
     return run.outcome(seed, seed.out, totals)
@@ -279,27 +278,22 @@ def train_dense(run: Run, seed: Seed) -> Outcome:
 
 def train_model(run: Run, seed: Seed) -> Outcome:
     """Train a learner that plans in a model: the table that it acts on, and that of Q."""
-    learner, phi, discount = run.learner, seed.initial, run.task.discount
-    assert isinstance(learner, RMax)
-    assert learner.value_range is not None
-    q, bounds = run.filled(None, seed.out), learner.value_range
-    acts = np.empty_like(q)
-    acts[...] = bounds[1] if phi is None else Portfolio().informed(phi, bounds)
-    learnt = LearntModel.empty(learner.min_visits, run.shape, min(run.longest, MOST_OUTCOMES))
-    optimistic, sober = (
-        Plan.of(run.dense(seed, table), bounds, discount) for table in (run.closed(acts), q)
-    )
-    learns = learnt, optimistic, sober, learner.backups
-    totals = run.loop(train_in_model, seed, learns, sober.table, acts[None])
+    learner: Any = run.learner
+    q, phi, bounds = run.filled(None, seed.out), seed.initial, learner.value_range
+    acts = np.full_like(q, bounds[1])
+    if phi is not None:
+        acts[...] = Portfolio().informed(phi, bounds)
+    tables = run.dense(seed, run.closed(acts)), run.dense(seed, q)
+    learnt = LearntModel.empty(tables, learner, run.task.discount, run.longest)
+    totals = run.loop(train_q_learning, seed, (*tables, None, None, learnt), tables[1], acts[None])
     q[run.only_ends(seed.record, q[None], None)] = 0.0
-    full = totals.steps < run.longest and len(learnt.outcomes) == learnt.used[0]
-    return run.outcome(seed, seed.out, totals, out_of_memory=full)
+    return run.outcome(seed, seed.out, totals)
 
 
 def train_sparse(run: Run, seed: Seed) -> Outcome:
     """Train on a row for every state that is visited."""
     table = empty_sparse_table(run, seed)
-    tables = table, table, None, None
+    tables = table, table, None, None, None
     totals = run.loop(train_q_learning, seed, tables, table, table.q[None])
     (steps, episodes), (most_steps, most_episodes) = totals, run.limits
     early = steps < most_steps - seed.settings.charged and episodes < most_episodes
@@ -385,7 +379,7 @@ def train_portfolio(run: Run, seed: Seed) -> Outcome:
     tally, visits = Tally.empty(), Visits.none(q.view(f"u{q.itemsize}"), run.horizon)
     memory = q.reshape(n, -1), visits
     members = Members(portfolio.shares, tally, cut, *memory, sober, source)
-    tables = table, sober, None, members
+    tables = table, sober, None, members, None
     totals = run.loop(train_q_learning, seed, tables, sober, q[None])
     if seed.out is not None:
         learnt = blocks[:, first]

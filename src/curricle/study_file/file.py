@@ -111,10 +111,9 @@ def dotted(key: str) -> tuple[str, ...]:
 # -- From a file's tables to complete curricula: arms override the study, tasks the common settings
 
 SETTINGS = tuple(Settings.model_fields)
-OF_LEARNERS = frozenset(Learner.__dataclass_fields__)
-LASTING = frozenset(SETTINGS) | OF_LEARNERS
+LASTING = frozenset(SETTINGS) | frozenset(Learner.__dataclass_fields__)
 """Keys that mean the same in tables of every type, but for learners that lack one."""
-LACKING = {kind.__name__: OF_LEARNERS - set(kind.model_fields) for kind in LEARNERS}
+OF_LEARNERS = {kind.__name__: LASTING & {*SETTINGS, *kind.model_fields} for kind in LEARNERS}
 ALTERNATIVES = {
     "map": "file",
     "file": "map",
@@ -127,7 +126,7 @@ ALTERNATIVES = {
 def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> dict[str, Any]:
     """Return `base` with the entries of `patch` over it, key by key; transfers by their number."""
     changes_type = any(key in patch and patch[key] != base.get(key) for key in ("type", "family"))
-    lasting = LASTING - LACKING.get(str(patch.get("type")), set())
+    lasting = OF_LEARNERS.get(str(patch.get("type")), LASTING)
     result = {key: value for key, value in base.items() if not changes_type or key in lasting}
     if changes_type and "family" in patch:  # a family determines the type
         result.pop("type", None)
