@@ -11,7 +11,7 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_cell, by_value, cropped, grid, redrawn, task_of
+from benchmarks.pairs.worlds import at_first, by_cell, by_value, cropped, grid, redrawn, task_of
 
 SIZE = 12
 
@@ -118,12 +118,9 @@ def reservoirs() -> Family:
         def lower(state: Any, action: Any, most: int = room // 2) -> Any:
             return {**state, "level": np.minimum(state["level"], most)}, action
 
-        def in_season(state: Any, action: Any) -> Any:
-            return {**state, "season": 0 * state["season"]}, action
-
         family.add("near", f"{room}, half the room", half, halved, budget=1_500)
         family.add("near", f"{room}, cheap power", cheap, budget=1_500)
-        family.add("far", f"{room}, one season", even, in_season, budget=1_500)
+        family.add("far", f"{room}, one season", even, at_first("season"), budget=1_500)
         family.add("far", f"{room}, the lower half", half, lower, budget=1_500)
     return family
 

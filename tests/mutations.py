@@ -419,7 +419,7 @@ MUTATIONS = [
         "if shares[member] > 0.0 and tally", "if shares[member] > 0.1 and tally",
         ("tests/property/test_portfolio_properties.py::test_each_member_acts_for_its_share_of_the_steps",)),
     Mutation("the informed optimist starts at phi", "learning/portfolio.py",
-        "known + self.margin * spread_of(known)[1]", "known + 0.0 * spread_of(known)[1]",
+        "phi + self.margin * spread_of(phi)[1]", "phi + 0.0 * spread_of(phi)[1]",
         ("tests/oracle/test_portfolio_oracle.py::test_a_portfolio_equals_the_naive_one",)),
 ]
 # fmt: on

@@ -164,6 +164,15 @@ def by_cell(cell: Any = lambda row, column: (row, column)) -> Any:
     return read
 
 
+def at_first(component: str) -> Any:
+    """Return how a state is read as that with the first value of a component."""
+
+    def read(state: Any, action: Any) -> Any:
+        return {**state, component: 0 * state[component]}, action
+
+    return read
+
+
 def by_value(value: Any = lambda x: x, action: Any = lambda x: x) -> Any:
     """Return how every component of a state is read, and those of an action."""
 

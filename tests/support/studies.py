@@ -233,12 +233,17 @@ mapping = "same_position"
 """
 
 
-def complaints_of(text, *changes, set=()):
-    """Return the sentences about a text, changed or not, at reading or at building."""
+def changed(text, *changes):
+    """Return a text with new parts in place of old ones, each of which must be there once."""
     for old, new in changes:
         assert text.count(old) == 1, old
         text = text.replace(old, new)
-    Path("study.toml").write_text(textwrap.dedent(text), "utf-8")
+    return text
+
+
+def complaints_of(text, *changes, set=()):
+    """Return the sentences about a text, changed or not, at reading or at building."""
+    Path("study.toml").write_text(textwrap.dedent(changed(text, *changes)), "utf-8")
     with pytest.raises(ConfigError) as caught:
         _ = read_study("study.toml", set=set).curricula
     lines = str(caught.value).splitlines()

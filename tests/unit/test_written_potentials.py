@@ -14,11 +14,18 @@ from curricle.learning import OptimisticQLearning, linear
 from curricle.study import run_study
 from curricle.study.arms import Arms
 from curricle.study.auditing import as_fair
+from tests.support.studies import changed
 from tests.unit.test_curriculum import MAZE, TASKS, edges, same
 
 PHI = np.random.default_rng(0).normal(size=(12, 4))
 LEVELS = PHI.max(axis=1)
 BUDGET = 300
+NEAR_AND_FAR = {name: TASKS[name] for name in ("near", "far")}, edges([("near", "far")])
+
+
+def in_pairs(values):
+    """Return the maximum of each state in all its pairs."""
+    return np.tile(values.max(axis=1, keepdims=True), 4)
 
 
 def by_hand(phi=PHI, shaping=None, **settings):
@@ -48,18 +55,15 @@ def test_it_enters_by_every_shaping_as_in_learn(shaping):
     assert result.source_steps("maze").tolist() == [0, 0]
 
 
-TILED = np.tile(LEVELS[:, None], 4)
-
-
 @pytest.mark.parametrize(
     ("potential", "array"),
     [
         (PHI.tolist(), PHI),
         (lambda task: PHI * task.states.size, 12 * PHI),
         (cr.StateActionPotential(MAZE, PHI), PHI),
-        (LEVELS, TILED),
-        (cr.StatePotential(MAZE, LEVELS, weight=0.5), 0.5 * TILED),
-        (lambda task: cr.StatePotential(task, LEVELS), TILED),
+        (LEVELS, in_pairs(PHI)),
+        (cr.StatePotential(MAZE, LEVELS, weight=0.5), 0.5 * in_pairs(PHI)),
+        (lambda task: cr.StatePotential(task, LEVELS), in_pairs(PHI)),
     ],
     ids=["lists", "function", "of pairs", "levels", "of states", "function of states"],
 )
@@ -86,8 +90,7 @@ def test_state_values_in_q_are_state_shaping(seed):
 
 def test_a_source_may_have_one():
     plan = cr.Curriculum(
-        {name: TASKS[name] for name in ("near", "far")},
-        edges([("near", "far")]),
+        *NEAR_AND_FAR,
         budget=BUDGET,
         learner={"near": cr.QLearning(learning_rate=0)},  # what arrives is phi
         shaping=cr.QInitialisation(),
@@ -126,10 +129,9 @@ def test_what_is_refused(potential, settings, words):
 
 
 def test_sources_and_one_by_hand_are_two_arms():
-    tasks = {name: TASKS[name] for name in ("near", "far")}
     words = "'far' has one by hand and the source 'near'; leave out one, or compare both"
     with pytest.raises(CurriculumError, match=words):
-        cr.Curriculum(tasks, edges([("near", "far")]), potential={"far": PHI})
+        cr.Curriculum(*NEAR_AND_FAR, potential={"far": PHI})
 
 
 # -- compared, forecast, saved ---------------------------------------------------------------------
@@ -221,51 +223,29 @@ name = "by hand"
 seeds = 8
 controls = ["placebo", "negated", "random_start"]
 budget = 300
-[tasks.maze]
-type = "maze"
-map = '''
-S...
-....
-...T
-'''
-[tasks.near]
-type = "crop"
-of = "maze"
-rows = [1, 3]
-columns = [2, 4]
-budget = 50
-[[transfers]]
-source = "near"
-target = "maze"
-mapping = "same_position"
+tasks.maze = { type = "maze", map = ["S...", "....", "...T"] }
+tasks.near = { type = "crop", of = "maze", rows = [1, 3], columns = [2, 4], budget = 50 }
+transfers = [{ source = "near", target = "maze", mapping = "same_position" }]
 [arms.sources]
 [arms.phi]
 transfers = []
 potential = "own:levels"
 shaping = "QInitialisation"
 """
-PLACE = "study.toml, line 26: arms.phi.potential is refused: "
+PLACE = "study.toml, line 12: arms.phi.potential is refused: "
 
 
 @pytest.fixture
 def study(read, tmp_path):
     (tmp_path / "own.py").write_text(OWN)
-    return lambda *changes: read(_changed(*changes))
-
-
-def _changed(*changes):
-    text = STUDY
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    return text
+    return lambda *changes: read(changed(STUDY, *changes))
 
 
 @pytest.mark.usefixtures("quick_disk")
 def test_a_study_is_run_judged_and_resumed(study, tmp_path):
     results = run_study(study(), tmp_path / "out")
     how = {"eval_freq": results.record.eval_freq, "seeds": range(8), "stream": "maze"}
-    shaping = cr.QInitialisation(GOOD.max(axis=1, keepdims=True).repeat(4, axis=1))
+    shaping = cr.QInitialisation(in_pairs(GOOD))
     alone = cr.learn(MAZE, budget=results.record.total, shaping=shaping, **how)
     stored = results.result("phi", "maze")
     np.testing.assert_array_equal(stored.greedy_return, alone.greedy_return)
@@ -282,12 +262,12 @@ def test_a_study_is_run_judged_and_resumed(study, tmp_path):
     (tmp_path / "own.py").write_text(OWN.replace("0.9", "-0.9"))
     before = {arm: results.result(arm, "maze").training_return for arm in ("phi", "sources")}
     after = run_study(study(), tmp_path / "out", resume=True)
-    changed = {
+    changed_arms = {
         arm
         for arm, curves in before.items()
         if not np.array_equal(after.result(arm, "maze").training_return, curves, equal_nan=True)
     }
-    assert changed == {"phi"}
+    assert changed_arms == {"phi"}
 
 
 def test_the_modules_digest_is_in_the_keys(study, tmp_path):
@@ -295,8 +275,8 @@ def test_the_modules_digest_is_in_the_keys(study, tmp_path):
     assert "own.py" in before.dependencies["phi", "maze"]["code"]
     (tmp_path / "own.py").write_text(f"{OWN}# changed\n")
     after = Arms.of(study())
-    changed = {arm for arm, task in before.keys if before.keys[arm, task] != after.keys[arm, task]}
-    assert {arm.partition(",")[0] for arm in changed} == {"phi"}
+    differ = {arm for arm, task in before.keys if before.keys[arm, task] != after.keys[arm, task]}
+    assert {arm.partition(",")[0] for arm in differ} == {"phi"}
     assert before.keys["scratch", "maze"] == after.keys["scratch", "maze"]
 
 
@@ -327,19 +307,19 @@ def test_mistakes_are_named_with_their_place(study, change, words):
 
 
 def test_it_must_be_named_as_a_function(study):
-    with pytest.raises(ConfigError, match=r"line 26: .*potential must name a function as module:"):
+    with pytest.raises(ConfigError, match=r"line 12: .*potential must name a function as module:"):
         study(("own:levels", "known"))
 
 
 def test_an_audit_and_a_sweep_take_it(study):
-    plain = study(('controls = ["placebo", "negated", "random_start"]', ""))
-    fair = as_fair(plain, 2)
+    without_controls = 'controls = ["placebo", "negated", "random_start"]', ""
+    fair = as_fair(study(without_controls), 2)
     assert {"phi", "sources"} <= {of.arm for of in fair.tune.variants.values()}
     alone = study(
-        ('controls = ["placebo", "negated", "random_start"]', ""),
+        without_controls,
         ('potential = "own:levels"', ""),
         ("[arms.sources]\n", ""),
         ("[arms.phi]", '[sweep]\npotential = ["own:known", "own:levels"]\n[arms.phi]'),
     )
     phis = [plan.potential["maze"].values for plan in alone.curricula.values()]
-    np.testing.assert_array_equal(phis[1], np.tile(phis[0].max(axis=1, keepdims=True), 4))
+    np.testing.assert_array_equal(phis[1], in_pairs(phis[0]))

@@ -8,7 +8,7 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import explored
+from ..worlds import at_first, explored
 
 WARM, HOURS = 8, 6
 """Degrees above the coldest room that are comfortable, and hours of a day."""
@@ -49,14 +49,11 @@ def thermostats() -> Family:
     family = Family("thermostats", "blind")
     family.target("house", house(), 40_000)
 
-    def always_home(state: Any, action: Any) -> Any:
-        return {**state, "hour": 0 * state["hour"]}, action
-
     def mild(state: Any, action: Any) -> Any:
         return {**state, "outside": np.maximum(state["outside"], 4)}, action
 
     family.add("near", "steady weather", house(drift=0.0), budget=10_000)
-    family.add("far", "always at home", house(hours=1), always_home, budget=4_000)
+    family.add("far", "always at home", house(hours=1), at_first("hour"), budget=4_000)
     family.add("far", "mild weather alone", house(coldest=4), mild, budget=6_000)
     return family
 

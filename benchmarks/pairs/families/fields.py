@@ -7,7 +7,7 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import explored
+from ..worlds import at_first, explored
 
 YEAR, FROST = 8, (6, 7)
 """Weeks, or so, of a year, and those in which what stands freezes."""
@@ -56,11 +56,8 @@ def crops() -> Family:
     family = Family("crops", "blind")
     family.target("field", farm(), 25_000)
 
-    def in_summer(state: Any, action: Any) -> Any:
-        return {**state, "season": 0 * state["season"]}, action
-
     family.add("near", "sure growth", farm(growth=1.0), budget=5_000)
-    family.add("far", "always summer", farm(year=1), in_summer, budget=1_500)
+    family.add("far", "always summer", farm(year=1), at_first("season"), budget=1_500)
     family.add("near", "wheat alone", farm(crops=1), budget=4_000)
     return family
 

@@ -7,6 +7,7 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
+from ..worlds import at_first
 
 PLACES = ((0, 0), (0, 4), (4, 0), (4, 3))
 RIDING, PICK_UP, DROP_OFF = 4, 4, 5
@@ -62,16 +63,13 @@ def taxis() -> Family:
     ride = changed(taxi, everything, start=riding)
     lost = changed(taxi, everything, reward=lambda s, a, to, r: -r if a >= PICK_UP else r)
 
-    def same_way(state: Any, action: Any) -> Any:
-        return {**state, "destination": 0 * state["destination"]}, action
-
     def next_place(state: Any, action: Any) -> Any:
         return {**state, "destination": (state["destination"] + 1) % 4}, action
 
     def turned(state: Any, action: Any) -> Any:
         return {**state, "row": 4 - state["row"], "column": 4 - state["column"]}, action
 
-    other = changed(taxi, everything)
+    other, same_way = changed(taxi, everything), at_first("destination")
     family.add("near", "two places", two, cr.project(taxi, two), budget=20_000)
     family.add("near", "fetching alone", fetch, budget=20_000)
     family.add("far", "one destination", one, cr.project(taxi, one), budget=15_000)

@@ -8,7 +8,7 @@ that a user adds, and by default all of these but the last are opponents:
 - ``bounds``: the target's learner with a constant initial Q: the lowest or the highest value that
   the task's rewards allow.
 - ``optimistic``: :class:`OptimisticQLearning`.
-- ``model-based``: :class:`RMax`, a step of which takes 4 to 34 times as long.
+- ``model-based``: :class:`RMax`, a step of which takes 2 to 17 times as long.
 
 A target that a network learns has none of these; a target without dense tables has only constants.
 """

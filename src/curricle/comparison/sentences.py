@@ -341,14 +341,13 @@ def _other_opponents(arms: MeasuredArms) -> str:
 
 def headroom_sentence(arms: MeasuredArms, name: str) -> str:
     """Return a sentence on the most that an arm can gain; empty if that is unknown."""
-    share, optimum = arms.headroom(name), arms.reference.optimum
-    if np.isnan(share) or optimum is None or arms.nobody:
+    share, best, worst = arms.headroom(name), arms.reference.optimum, arms.reference.random_return
+    if np.isnan(share) or best is None or worst is None or arms.nobody:
         return ""
-    missing = max(0.0, optimum - arms.mean_return(arms.best_opponent(name)).estimate)
     return (
         f"the best learner without a source, {_without_source(arms, name)[0]}, leaves "
         f"{round(share, 3):g} of the way from random play to the optimum in this budget "
-        f"({missing:.3g} in mean return)"
+        f"({share * (best - worst):.3g} in mean return)"
         f"{': no source can gain more' * arms.reference.optimum_bounds}"
     )
 

@@ -47,8 +47,8 @@ class LearntModel(NamedTuple):
     used: npt.NDArray[np.uint32]  # (1,) outcomes in use, outcome 0 among them
 
     @classmethod
-    def empty(cls, tables: tuple[DenseTable, ...], learner: Any, discount: float, n: int) -> Self:
-        """Return the model before the first of n steps of an :class:`RMax`."""
+    def empty(cls, tables: Any, learner: Any, discount: float, most: int) -> Self:
+        """Return the model before the first step, of `most`, of an :class:`RMax`."""
         (lowest, highest), n_states = learner.value_range, len(tables[0].q)
         values = np.minimum([table.q.max(axis=1) for table in tables], highest).astype(np.float64)
         queues, waits = np.zeros((2, n_states), np.int64), np.zeros((2, n_states), np.bool_)
@@ -56,9 +56,9 @@ class LearntModel(NamedTuple):
         least = (highest - lowest) * max(LEAST, ERROR * (1.0 - discount))
         pairs, to_state = np.zeros(tables[0].q.shape, PAIR), np.zeros(n_states, np.uint32)
         # Pages of np.zeros take no memory before they are written to.
-        outcomes = np.zeros(min(n, pairs.size * n_states) + 1, OUTCOME)
-        seen = pairs, to_state, outcomes, np.ones(1, np.uint32)
-        return cls(plans, highest, least, learner.min_visits, *seen)
+        outcomes = np.zeros(min(most, pairs.size * n_states) + 1, OUTCOME)
+        counts = pairs, to_state, outcomes, np.ones(1, np.uint32)
+        return cls(plans, highest, least, learner.min_visits, *counts)
 
 
 @inlined
@@ -69,46 +69,45 @@ def note_outcome(learnt, state, action, reward, next_state, terminated):
     pair.mean_reward += (reward - pair.mean_reward) / pair.visits
     if terminated:
         return
-    place = pair.first_outcome
-    while place > 0 and learnt.outcomes[place].next != next_state:
-        place = learnt.outcomes[place].of_pair
-    if place == 0:
-        place, learnt.used[0] = learnt.used[0], learnt.used[0] + 1
-        outcome = learnt.outcomes[place]
+    index = pair.first_outcome
+    while index > 0 and learnt.outcomes[index].next != next_state:
+        index = learnt.outcomes[index].of_pair
+    if index == 0:
+        index, learnt.used[0] = learnt.used[0], learnt.used[0] + 1
+        outcome = learnt.outcomes[index]
         outcome.state, outcome.action, outcome.next = state, action, next_state
         outcome.of_pair, outcome.to = pair.first_outcome, learnt.to_state[next_state]
-        pair.first_outcome = learnt.to_state[next_state] = place
-    learnt.outcomes[place].count += 1
+        pair.first_outcome = learnt.to_state[next_state] = index
+    learnt.outcomes[index].count += 1
 
 
 @inlined
 def plan_from(learnt, plan, discount, state, action, bits):
     """Set a pair to its mean reward plus gamma times the mean value that followed; propagate."""
     pair, following = learnt.pairs[state, action], 0.0
-    place = pair.first_outcome
-    while place > 0:
-        outcome = learnt.outcomes[place]
+    index = pair.first_outcome
+    while index > 0:
+        outcome = learnt.outcomes[index]
         following += outcome.count * plan.propagated[outcome.next]
-        place = outcome.of_pair
+        index = outcome.of_pair
     target = pair.mean_reward + discount * (following / pair.visits)
     set_value(learnt, plan, state, Change(action, 1.0, target, bits))
-    done = 0
-    while done < BACKUPS and plan.ends[0] < plan.ends[1]:
+    updates = 0
+    while updates < BACKUPS and plan.ends[0] < plan.ends[1]:
         # The state that has waited longest is propagated to all pairs that have led there.
-        changed = np.uint64(plan.queue[plan.ends[0] % len(plan.queue)])
+        waiting = np.uint64(plan.queue[plan.ends[0] % len(plan.queue)])
         plan.ends[0] += 1
-        plan.waits[changed] = False
-        value = min(learnt.highest, plan.table.row_max[changed])
-        change, plan.propagated[changed] = value - plan.propagated[changed], value
-        place = learnt.to_state[changed]
-        while place > 0:
-            outcome, done = learnt.outcomes[place], done + 1
-            before, cause = np.uint64(outcome.state), np.uint64(outcome.action)
-            place, visits = outcome.to, learnt.pairs[before, cause].visits
+        plan.waits[waiting] = False
+        value = min(learnt.highest, plan.table.row_max[waiting])
+        change, plan.propagated[waiting] = value - plan.propagated[waiting], value
+        index = learnt.to_state[waiting]
+        while index > 0:
+            outcome, updates = learnt.outcomes[index], updates + 1
+            state, action, index = np.uint64(outcome.state), np.uint64(outcome.action), outcome.to
+            visits = learnt.pairs[state, action].visits
             if visits >= learnt.min_visits:
-                share = discount * outcome.count / visits
-                target, tie = plan.table.q[before, cause] + share * change, tie_bits(bits, before)
-                set_value(learnt, plan, before, Change(cause, 1.0, target, tie))
+                target = plan.table.q[state, action] + discount * outcome.count / visits * change
+                set_value(learnt, plan, state, Change(action, 1.0, target, tie_bits(bits, state)))
 
 
 @inlined

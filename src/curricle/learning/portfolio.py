@@ -15,7 +15,6 @@ from curricle.arrays import FloatArray, FloatTable
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning.learners import Visits, value_range_of
-from curricle.learning.potential import PairPotential
 from curricle.learning.stopping import plain_and_inlined
 from curricle.learning.storage import DenseTable
 from curricle.tasks.kernel import inlined
@@ -110,24 +109,26 @@ class Portfolio:
         informed = 1.0 - float(self.optimist) - 2.0 * SELDOM
         return np.array([informed, self.optimist, SELDOM, SELDOM])
 
-    def informed(self, phi: PairPotential, bounds: tuple[float, float]) -> FloatArray:
-        """Return the start of the informed optimist's values, (S, A) float64."""
-        known, (lowest, highest) = phi.known, bounds
-        start = np.clip(known + self.margin * spread_of(known)[1], lowest, highest)
-        return np.where(np.isnan(known), highest, start)
+    def informed(self, phi: FloatArray, bounds: tuple[float, float]) -> FloatArray:
+        """Return the start of the informed optimist's values, (S, A) float64.
+
+        `phi` is NaN where no source knows a pair.
+        """
+        start = np.clip(phi + self.margin * spread_of(phi)[1], *bounds)
+        return np.where(np.isnan(phi), bounds[1], start)
 
 
-def spread_of(known: FloatArray) -> tuple[float, float, float]:
-    """Return min phi, max phi - min phi and max phi over known pairs; 0 where none is known."""
-    if np.isnan(known).all():
+def spread_of(phi: FloatArray) -> tuple[float, float, float]:
+    """Return min phi, max phi - min phi and max phi, without NaN; 0 where all of it is NaN."""
+    if np.isnan(phi).all():
         return 0.0, 0.0, 0.0
-    lowest, highest = float(np.nanmin(known)), float(np.nanmax(known))
+    lowest, highest = float(np.nanmin(phi)), float(np.nanmax(phi))
     return lowest, highest - lowest, highest
 
 
-def bounds_by(phi: PairPotential) -> tuple[float, float]:
+def bounds_by(phi: FloatArray) -> tuple[float, float]:
     """Return what bounds the values of a task without tables."""
-    lowest, spread, highest = spread_of(phi.known)
+    lowest, spread, highest = spread_of(phi)
     return lowest - spread, highest + spread
 
 
@@ -184,12 +185,12 @@ def add_turn(tally, turn):
     acting = turn.acting
     tally.turns[acting] += 1.0
     tally.steps[acting] += turn.length
-    part = 1.0 / (tally.turns[acting] if tally.turns[acting] < MEMORY else MEMORY)
-    deviation = turn.earned - tally.mean[acting]
-    tally.mean[acting] += part * deviation
-    tally.variance[acting] += part * deviation * deviation
-    tally.variance[acting] *= 1.0 - part
-    tally.squares[acting] = (1.0 - part) * (1.0 - part) * tally.squares[acting] + part * part
+    weight = 1.0 / (tally.turns[acting] if tally.turns[acting] < MEMORY else MEMORY)
+    deviation, kept = turn.earned - tally.mean[acting], 1.0 - weight
+    tally.mean[acting] += weight * deviation
+    tally.variance[acting] += weight * deviation * deviation
+    tally.variance[acting] *= kept
+    tally.squares[acting] = kept * kept * tally.squares[acting] + weight * weight
 
 
 @plain_and_inlined
@@ -210,8 +211,8 @@ def next_member(shares, tally):
         return SOURCE
     if tally.turns[SOBER] < FIRST_TURNS and tally.steps[SOBER] <= FIRST_SHARE * total:
         return SOBER
-    behind, least = INFORMED, np.inf
+    furthest_behind, fewest = INFORMED, np.inf
     for member in range(np.uint64(shares.shape[0])):
-        if shares[member] > 0.0 and tally.steps[member] / shares[member] < least:
-            behind, least = member, tally.steps[member] / shares[member]
-    return behind
+        if shares[member] > 0.0 and tally.steps[member] / shares[member] < fewest:
+            furthest_behind, fewest = member, tally.steps[member] / shares[member]
+    return furthest_behind

@@ -135,7 +135,7 @@ class LearningResult(Frozen):
     level: Annotated[FloatArray, ResultField("K", "float64")]
     floor: Annotated[FloatArray, ResultField("K", "float64")]
     out_of_memory: Annotated[BoolArray, ResultField("K", "bool")]
-    source_share: Annotated[FloatArray, ResultField("KT", "float64", "share of turns", held=True)]
+    source_share: Annotated[FloatArray, ResultField("KT", "float64", "0 or 1", held=True)]
     agreement: Annotated[
         FloatArray, ResultField("KT", "float64", "share of the range of values", held=True)
     ]

@@ -123,8 +123,8 @@ class Run:
         """Train a seed, its stream starting at `start`, into `out`; `begun` gets its record."""
         kept = () if self.rows else (snapshots, self.shape)
         unknown = out is not None and self.task.terminal is None
-        n = self.longest // self.eval_freq + 1
-        record = Record.empty(n, *kept, unknown_ends=unknown)
+        checkpoints = self.longest // self.eval_freq + 1
+        record = Record.empty(checkpoints, *kept, unknown_ends=unknown)
         begun(record)
         seed = Seed(start, settings, out, record, self.evaluation.for_run(start))
         return self.trainer(settings.shaping)(self, seed)
@@ -190,9 +190,9 @@ class Run:
         out_of_memory: bool = False,
     ) -> Outcome:
         """Return the outcome of a seed, with what ended its run."""
-        last, record = totals.steps // self.eval_freq, seed.record
-        run = self.budget, self.stopping, record, last, self.eval_freq
-        ending = ended_by(*run, out_of_memory=out_of_memory)
+        checkpoint, record = totals.steps // self.eval_freq, seed.record
+        rule = self.budget, self.stopping, record, checkpoint, self.eval_freq
+        ending = ended_by(*rule, out_of_memory=out_of_memory)
         counts = *totals, steps_of(seed.evaluation)
         return Outcome(record, values, *counts, ending, self.stopping, self.floor_steps)
 
@@ -226,9 +226,9 @@ class Run:
 
     def dense(self, seed: Seed, q: FloatTable, n: StaticInt = (None,)) -> DenseTable:
         """Return a table, or n whose rows alternate, as the fast loop reads it."""
-        best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
+        row_max, row_argmax = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
         key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
-        return DenseTable(q, best, greedy, key, n, np.uint64(len(n)), self.width, far)
+        return DenseTable(q, row_max, row_argmax, key, n, np.uint64(len(n)), self.width, far)
 
     def only_ends(
         self,
@@ -245,9 +245,9 @@ class Run:
         initial = float(self.learner.initial_value) if initial is None else initial
         phi = 0.0 if potential is None else potential.pairs(ends)
         start = np.broadcast_to(phi + initial, (len(ends), tables.shape[2]))
-        now = tables[:, ends]
-        same: Any = ((now == start.astype(now.dtype)) | np.isneginf(now)).all(axis=(0, 2))
-        return np.asarray(ends[same])
+        values = tables[:, ends]
+        untouched = (values == start.astype(values.dtype)) | np.isneginf(values)
+        return np.asarray(ends[untouched.all(axis=(0, 2))])
 
 
 Trainer = Callable[[Run, Seed], Outcome]
@@ -259,19 +259,17 @@ Trainer = Callable[[Run, Seed], Outcome]
 def train_dense(run: Run, seed: Seed) -> Outcome:
     """Train on a row for every state; an optimistic learner also on the table that it acts on."""
     q = run.filled(seed.initial, seed.out)
-    acts, learnt = q, run.dense(seed, q)
-    tables: Any = learnt, learnt, None, None, None
+    acting, sober = q, run.dense(seed, q)
+    tables: Any = sober, sober, None, None, None
     if isinstance(run.learner, OptimisticQLearning):
         assert run.learner.value_range is not None
         assert run.learner.initial_value is not None
         lowest, highest = run.learner.value_range
-        acts = np.add(q, highest - float(run.learner.initial_value), dtype=q.dtype)
-        if run.task.terminal is not None:
-            acts[run.task.terminal] = 0.0
+        acting = run.closed(np.add(q, highest - run.learner.initial_value, dtype=q.dtype))
         visits = Visits.none(np.zeros(run.shape, np.uint64), run.horizon or 0.0)
         beside = Beside(highest, highest - lowest or 1.0, visits)
-        tables = run.dense(seed, acts), learnt, beside, None, None
-    totals = run.loop(train_q_learning, seed, tables, learnt, acts[None])
+        tables = run.dense(seed, acting), sober, beside, None, None
+    totals = run.loop(train_q_learning, seed, tables, sober, acting[None])
     q[run.only_ends(seed.record, q[None], seed.initial)] = 0.0
     return run.outcome(seed, seed.out, totals)
 
@@ -280,12 +278,12 @@ def train_model(run: Run, seed: Seed) -> Outcome:
     """Train a learner that plans in a model: the table that it acts on, and that of Q."""
     learner: Any = run.learner
     q, phi, bounds = run.filled(None, seed.out), seed.initial, learner.value_range
-    acts = np.full_like(q, bounds[1])
+    acting = np.full_like(q, bounds[1])
     if phi is not None:
-        acts[...] = Portfolio().informed(phi, bounds)
-    tables = run.dense(seed, run.closed(acts)), run.dense(seed, q)
-    learnt = LearntModel.empty(tables, learner, run.task.discount, run.longest)
-    totals = run.loop(train_q_learning, seed, (*tables, None, None, learnt), tables[1], acts[None])
+        acting[...] = Portfolio().informed(phi.known, bounds)
+    tables = run.dense(seed, run.closed(acting)), run.dense(seed, q)
+    model = LearntModel.empty(tables, learner, run.task.discount, run.longest)
+    totals = run.loop(train_q_learning, seed, (*tables, None, None, model), tables[1], acting[None])
     q[run.only_ends(seed.record, q[None], None)] = 0.0
     return run.outcome(seed, seed.out, totals)
 
@@ -296,7 +294,7 @@ def train_sparse(run: Run, seed: Seed) -> Outcome:
     tables = table, table, None, None, None
     totals = run.loop(train_q_learning, seed, tables, table, table.q[None])
     (steps, episodes), (most_steps, most_episodes) = totals, run.limits
-    early = steps < most_steps - seed.settings.charged and episodes < most_episodes
+    ended_early = steps < most_steps - seed.settings.charged and episodes < most_episodes
     values = None
     if run.storage.save_values:  # of the states that have a row, in their order
         used = slice(1, int(table.used[0]))
@@ -304,7 +302,7 @@ def train_sparse(run: Run, seed: Seed) -> Outcome:
         states, q = table.states[used][order].astype(np.int64), table.q[used]
         reorder(q, order)
         values = SparseValues(frozen(states), frozen(q))
-    full = bool(early and not seed.record.stopped[0])
+    full = bool(ended_early and not seed.record.stopped[0])
     return run.outcome(seed, values, totals, out_of_memory=full)
 
 
@@ -357,34 +355,35 @@ def train_portfolio(run: Run, seed: Seed) -> Outcome:
     shaping = seed.settings.shaping
     assert shaping is not None
     assert shaping.portfolio is not None
-    portfolio, phi = shaping.portfolio, shaping.potential
+    portfolio, phi = shaping.portfolio, shaping.potential.known
     stated = portfolio.value_range or run.bounds
     lowest, highest = bounds = stated or bounds_by(phi)
-    n, n_actions = run.shape
-    rows = np.zeros((4 * n + 3, n_actions), run.storage.dtype)
-    q = rows[: 4 * n]
-    blocks = q.reshape(n, 4, n_actions)
+    n_states, n_actions = run.shape
+    rows = np.zeros((4 * n_states + 3, n_actions), run.storage.dtype)
+    q = rows[: 4 * n_states]
+    blocks = q.reshape(n_states, 4, n_actions)
     for member, start in enumerate((portfolio.informed(phi, bounds), highest, lowest)):
         blocks[:, member] = start
         run.closed(blocks[:, member])
-    table, source = run.dense(seed, q, (None,) * 4), run.dense(seed, run.filled(phi, initial=0.0))
+    source = run.dense(seed, run.filled(shaping.potential, initial=0.0))
+    table = run.dense(seed, q, (None,) * 4)
     # The sober rows are every fourth from theirs on: a table of a type for which evaluation is
     # compiled already.
     first = int(SOBER)
-    best, greedy = table.row_max[first:], table.row_argmax[first:]
-    sober = table._replace(q=rows[first : first + 4 * n], n=(None,), far=source.far)
-    sober = sober._replace(row_max=best, row_argmax=greedy)
-    cut = highest if stated else np.inf
+    row_max, row_argmax = table.row_max[first:], table.row_argmax[first:]
+    sober = table._replace(q=rows[first : first + 4 * n_states], n=(None,), far=source.far)
+    sober = sober._replace(row_max=row_max, row_argmax=row_argmax)
+    ceiling = highest if stated else np.inf
     assert run.horizon is not None
     tally, visits = Tally.empty(), Visits.none(q.view(f"u{q.itemsize}"), run.horizon)
-    memory = q.reshape(n, -1), visits
-    members = Members(portfolio.shares, tally, cut, *memory, sober, source)
+    memory = q.reshape(n_states, -1), visits
+    members = Members(portfolio.shares, tally, ceiling, *memory, sober, source)
     tables = table, sober, None, members, None
     totals = run.loop(train_q_learning, seed, tables, sober, q[None])
     if seed.out is not None:
-        learnt = blocks[:, first]
-        seed.out[...] = source.q if source_is_ahead(tally) else learnt
-        seed.out[run.only_ends(seed.record, learnt[None], None, lowest)] = 0.0
+        sober_values = blocks[:, first]
+        seed.out[...] = source.q if source_is_ahead(tally) else sober_values
+        seed.out[run.only_ends(seed.record, sober_values[None], None, lowest)] = 0.0
     return run.outcome(seed, seed.out, totals)
 
 
