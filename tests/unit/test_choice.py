@@ -49,7 +49,7 @@ def few_options():
     """Play each candidate at one source budget and scale, and finalists on half of the seeds."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "SHARES", (0.05,))
-        patch.setattr(module, "SCALES", (2.0,))
+        patch.setattr(module, "WAYS", ((2.0, False),))
         patch.setattr(module, "FINAL_SEEDS", 10)
         yield
 
@@ -197,6 +197,34 @@ def test_curricula_of_the_user_are_candidates_and_progress_is_told(hunt, choice)
     both = cr.choose(hunt, [choice.curriculum], kinds=["removed"])
     assert both.name == "pursuit(size=2, predators=1)"
     assert len(both.rows) == 2
+
+
+@pytest.mark.parametrize("learner", ["QLearning", "SARSA"])
+def test_a_way_in_is_the_default_portfolio_where_the_learner_may_have_one(
+    hunt, file, monkeypatch, learner
+):
+    monkeypatch.setattr(module, "WAYS", ((1.0, False), (1.0, True)))
+    settings = {"budget": 20_000, "learner": getattr(cr, learner)()}
+    in_memory, _ = module.trial_curricula(hunt, (), module.KINDS, module.MOST, settings)
+    in_study = choice_trials(cr.read_study(file, set=[f"learner.type={learner}"])).curricula
+    assert in_memory.keys() == in_study.keys()
+    portfolio = cr.Portfolio()
+    ways = [(False, None), (True, portfolio)] if learner == "QLearning" else [(False, None)]
+    for curricula in (in_memory, in_study):
+        shapings = {name: plan.setting("shaping", plan.target) for name, plan in curricula.items()}
+        assert {type(shaping) for shaping in shapings.values()} == {cr.QInitialisation}
+        found = {(name.endswith(", portfolio"), x.portfolio) for name, x in shapings.items()}
+        assert found == {*ways}
+
+
+def test_a_portfolio_is_carried_over(hunt, monkeypatch):
+    monkeypatch.setattr(module, "WAYS", ((1.0, True),))
+    target = pursuit_family(size=4, predators=2)
+    _, options = module.trial_curricula(hunt, (), ["member"], 1, SETTINGS)
+    carried, sentence = module._carried_over(target, *options.values(), hunt)
+    plan = carried.curriculum("target", target.task, SETTINGS)
+    assert plan.setting("shaping", "target").portfolio == cr.Portfolio()
+    assert ", scale 1, in a portfolio: " in sentence
 
 
 PLAN, ELSEWHERE = (cr.Curriculum({"t": of}, budget=300) for of in (MAZE, cr.GridWorld("S.T")))

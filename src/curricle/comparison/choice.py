@@ -1,10 +1,9 @@
 """Choosing a curriculum: trials of candidates and opponents in the target's model.
 
-Every candidate source is played at several source budgets and scales, on a few seeds. In each round
-the better half is kept, without curricula that are shown to be worse than the leader, and played on
-more seeds, until a few finalists are left. The finalists meet all opponents on fresh seeds, which
-no finalist was chosen on and no experiment has by default. Potentials of candidates enter by
-``QInitialisation()``, without a portfolio, so that a trial shows the gain of the source itself.
+Every candidate source is played at several source budgets, scales and ways in, on a few seeds. In
+each round the better half is kept, without curricula that are shown to be worse than the leader,
+and played on more seeds, until a few finalists are left. The finalists meet all opponents on fresh
+seeds, which no finalist was chosen on and no experiment has by default.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -47,7 +46,10 @@ from curricle.transfer.aggregate import minimum
 from curricle.transfer.transfer import Transfer, numbered
 
 SHARES = (0.02, 0.05, 0.15)  # source steps, as shares of the target's steps
-SCALES = (1.0, 2.0)  # of the source's values
+WAYS = ((1.0, False), (2.0, False), (1.0, True))
+"""Ways in: the scale of the source's values, and whether the default portfolio has them.
+
+A smaller share of the portfolio's optimist was offered too, and gained in none of nine targets."""
 MOST = 10  # candidates made by default
 ROUNDS = (4, 4, 8, 16)  # seeds that each round adds; every round keeps the better half
 FINALISTS, FINAL_SEEDS = 3, 20  # curricula that meet all opponents, and the number of fresh seeds
@@ -61,12 +63,13 @@ HEADS = ("", "source steps", "seeds", "mean return", "gain over the best opponen
 
 
 class Option(NamedTuple):
-    """A candidate with a source budget and a scale."""
+    """A candidate with a source budget and a way in."""
 
     name: str
     candidate: SourceCandidate
     steps: int
     scale: float
+    portfolio: bool
 
     def curriculum(self, target: str, task: Task, settings: Mapping[str, Any]) -> Curriculum:
         """Return the curriculum of a target; `settings` are the target's."""
@@ -75,11 +78,12 @@ class Option(NamedTuple):
         if isinstance(storage := of_both.get("storage"), Storage):  # the source's values are read
             dense = replace(storage, kind="auto", save_values=True)
             of_both["storage"] = {target: storage, name: dense}
+        if not self.portfolio:  # which is the default, where the target's learner may have one
+            of_both["shaping"] = QInitialisation()
         return Curriculum(
             {name: self.candidate.task, target: task},
             [Transfer(name, target, mapping, self.scale) for mapping in self.candidate.mappings],
             aggregate=minimum,
-            shaping=QInitialisation(),
             budget={name: StoppingRule(self.steps), target: budget},
             eval_freq={target: settings.get("eval_freq")},
             **of_both,
@@ -87,10 +91,11 @@ class Option(NamedTuple):
 
 
 def options_of(candidates: Sequence[SourceCandidate], budget: int) -> Iterator[Option]:
-    """Yield every candidate at each source budget and scale; `budget` is the target's, in steps."""
-    for candidate, share, scale in product(candidates, SHARES, SCALES):
+    """Yield all candidates at each source budget and way in; `budget` is the target's, in steps."""
+    for candidate, share, (scale, portfolio) in product(candidates, SHARES, WAYS):
         name = f"{candidate.name}, {share:.0%}" + f", x {scale:g}" * (scale != 1)
-        yield Option(name, candidate, max(1, int(share * budget)), scale)
+        name += ", portfolio" * portfolio
+        yield Option(name, candidate, max(1, int(share * budget)), scale, portfolio)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +105,11 @@ class Choice:
     Attributes
     ----------
     name : str
-        The chosen curriculum: its source, the source's share of the target's steps, and the scale
-        if it is not 1; empty if no curriculum pays.
+        The chosen curriculum: its source, the source's share of the target's steps, the scale if it
+        is not 1, and whether it has a portfolio; empty if no curriculum pays.
     curriculum : Curriculum or None
-        The chosen curriculum as it was played, with ``QInitialisation()`` and no portfolio if it
-        uses a candidate; None if no curriculum pays, or it cannot be carried over to the target.
+        The chosen curriculum as it was played; None if no curriculum pays, or it cannot be carried
+        over to the target.
     alone : str
         The best opponent of the first finalist in words, which needs no source.
     comparison : Comparison
@@ -254,11 +259,11 @@ def choose(
 ) -> Choice:
     """Return which curriculum, if any, to learn a target with, after trials in the target's model.
 
-    Each source is tried with 2, 5 and 15 % of the target's steps and its values times 1 and 2;
-    several mappings are joined by :func:`minimum`, and potentials enter by ``QInitialisation()``
-    without a portfolio, in trials and in the chosen curriculum. The better half of each round gets
-    more seeds; the last three meet all opponents of :func:`compare` on 20 fresh seeds. The seeds of
-    trials begin at 2,000,000. ``curricle.choose`` also takes a study or its path.
+    Each source is tried with 2, 5 and 15 % of the target's steps. Its values, times 1 and 2, enter
+    by ``QInitialisation()``, and times 1 in the default portfolio if the learner may have one;
+    several mappings are joined by :func:`minimum`. The better half of each round gets more seeds;
+    the last three meet all opponents of :func:`compare` on 20 fresh seeds. The seeds of trials
+    begin at 2,000,000. ``curricle.choose`` also takes a study or its path.
 
     Parameters
     ----------
@@ -375,7 +380,9 @@ def trial_curricula(
         if twice := {*curricula} & {*options}:
             raise CurriculumError(f"candidates need different names: {min(twice)!r} is there twice")
         for label, option in options.items():
-            curricula[label] = option.curriculum(name, proposals.target, settings)
+            curriculum = option.curriculum(name, proposals.target, settings)
+            if curriculum.setting("shaping", name).portfolio or not option.portfolio:
+                curricula[label] = curriculum
     if not curricula:
         raise CurriculumError("there must be candidates to choose from: give kinds or candidates")
     return curricula, options
@@ -400,6 +407,7 @@ def _carried_over(
     sentence = (
         f"carried over: a source of kind {like.kind!r}, with {share:.3g} of the target's states, "
         f"{a_state:.3g} steps a state of its own, scale {option.scale:g}"
+        f"{', in a portfolio' * option.portfolio}"
     )
 
     def distance(draft: Draft) -> tuple[bool, float]:

@@ -22,7 +22,7 @@ from curricle.comparison.choice import (
     chosen,
     options_of,
 )
-from curricle.comparison.opponents import OPPONENTS
+from curricle.comparison.opponents import OPPONENTS, from_scratch
 from curricle.files import Place
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms, units_of
@@ -214,11 +214,15 @@ def trial_study(study: StudyConfig) -> StudyConfig:
     shared: dict[str, Any] = {key: data[key] for key in OF_BOTH if key in data}
     if "storage" in shared:  # a source must save its values, even if the target does not
         shared["storage"] = {**shared["storage"], "kind": "auto", "save_values": True}
+    default = from_scratch(curriculum).setting("shaping", target)
     for option in options_of(candidates.candidates, curriculum.node(target).most_steps):
+        if option.portfolio and default.portfolio is None:
+            continue
         name = option.candidate.name
         source = {"type": "candidate", "of": target, "kind": option.candidate.kind, **shared}
         source |= {"candidate": name, "budget": {"max_steps": option.steps}}
-        into = {**data, "aggregate": "minimum", "shaping": {"type": "QInitialisation"}}
+        way = {"portfolio": True} if option.portfolio else {}
+        into = {**data, "aggregate": "minimum", "shaping": {"type": "QInitialisation", **way}}
         edge = {"source": name, "target": target, "mapping": "candidate", "scale": option.scale}
         tasks = {**alone["tasks"], target: into, name: source}
         trials[option.name] = {"tasks": tasks, "transfers": [edge]}
