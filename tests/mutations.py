@@ -421,6 +421,9 @@ MUTATIONS = [
     Mutation("the informed optimist starts at phi", "learning/portfolio.py",
         "phi + self.margin * spread_of(phi)[1]", "phi + 0.0 * spread_of(phi)[1]",
         ("tests/oracle/test_portfolio_oracle.py::test_a_portfolio_equals_the_naive_one",)),
+    Mutation("R-max plans with pairs that were tried too seldom", "learning/model_based.py",
+        "if visits >= learnt.min_visits:", "if visits > 0:",
+        ("tests/oracle/test_model_based_oracle.py::test_values",)),
 ]
 # fmt: on
 

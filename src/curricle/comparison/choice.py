@@ -49,7 +49,7 @@ SHARES = (0.02, 0.05, 0.15)  # source steps, as shares of the target's steps
 WAYS = ((1.0, False), (2.0, False), (1.0, True))
 """Ways in: the scale of the source's values, and whether the default portfolio has them.
 
-A smaller share of the portfolio's optimist was offered too, and gained in none of nine targets."""
+A smaller share of the portfolio's optimist was offered too, and gained in none of ten targets."""
 MOST = 10  # candidates made by default
 ROUNDS = (4, 4, 8, 16)  # seeds that each round adds; every round keeps the better half
 FINALISTS, FINAL_SEEDS = 3, 20  # curricula that meet all opponents, and the number of fresh seeds
