@@ -7,6 +7,14 @@
 opponents: its verdict, the gain over the best opponent, what that opponent leaves to the optimum
 (all three as shares of the way), and the steps of the source as a share of the target's.
 
+    for study in benchmarks/large/*.toml; do
+        curricle run $study --out large/$(basename $study .toml)
+    done
+    python -m benchmarks.portfolio --results large/*
+
+prints for each arm of finished studies the mean greedy return over the target's own steps, and over
+all steps, sources charged, as shares of the way.
+
 Played are the sensible sources of the pairs, by their default budgets, each also negated, and two
 deceptive cases: lines whose near prize the source knows, and an inventory's negated potential (a
 pair of the stocks). Scores are mean returns while learning, as shares of the way from the random
@@ -35,6 +43,7 @@ from benchmarks.portfolio_pairs import UNSEEN
 from curricle.learning import OptimisticQLearning
 from curricle.planning.target import Target
 from curricle.statistics.curves import Curve, mean_return
+from curricle.study import StudyResults
 
 PARTS, MOST_LOSS, LEAST_KEPT = 20, 0.1, 0.85
 RIVALS = ("scratch", "source", "optimist")
@@ -194,6 +203,23 @@ def judge_charged(rows: list[dict[str, Any]]) -> None:
         )
 
 
+def print_shares(folder: str) -> None:
+    """Print the mean greedy return of each arm of a study as shares of the way."""
+    results = StudyResults(folder)
+    comparison, name = results.comparison, results.record.name
+    random, optimum = comparison.reference.random_return, comparison.reference.optimum
+    assert random is not None, "the target has tables"
+    assert optimum is not None, "the target has tables"
+    print(f"{name:46}{'source':>8}{'uncharged':>11}{'charged':>9}")
+    for arm in comparison.shown:
+        curve = comparison[arm].curve
+        own = curve.steps <= comparison.budget
+        uncharged = mean_return(Curve(curve.steps[own], curve.values[:, own])).mean()
+        shares = [(r - random) / (optimum - random) for r in (uncharged, comparison.returns[arm])]
+        means = [float(np.mean(share)) for share in shares]
+        print(f"{arm:46}{curve.source_steps.mean():8,.0f}{means[0]:11.2f}{means[1]:9.2f}")
+
+
 def main() -> None:
     """Play all pairs, print a row for each and the bars."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -201,7 +227,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--charged", action="store_true")
+    parser.add_argument("--results", nargs="+", help="folders of studies to print shares of")
     settings = parser.parse_args()
+    for folder in settings.results or ():
+        print_shares(folder)
+    if settings.results:
+        return
     rows = []
     if settings.charged:
         sensible = [pair for pair in chosen(settings.split) if pair.kind != "negated"]

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 from benchmarks.pairs import __main__ as tables
+from benchmarks.portfolio import print_shares
 from curricle import compare, evaluate, read_study, run_study, solve
 
 FOLDER = Path("benchmarks/pairs")
+STUDIES = [*FOLDER.glob("*.toml"), *Path("benchmarks/large").glob("*.toml")]
 FEW = ["seeds=8", "tasks.target.budget=1_200", "tasks.target.eval_freq=120"]
 ARMS = ["near: less demand", "negated: less demand", "far: half the price"]
 
 
-@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", sorted(STUDIES), ids=lambda file: file.stem)
 def test_every_study_is_read(file):
     assert read_study(file).curricula
 
@@ -40,6 +42,20 @@ def test_gains_are_those_of_a_comparison(folders):
     uniform = np.full((task.states.size, task.actions.size), 1 / task.actions.size)
     way = solve(task).start_value - evaluate(task, uniform).start_value
     assert played.way == pytest.approx(way, rel=0.05)  # which ends at the time limit
+
+
+def test_shares_of_the_way_are_those_of_the_gains(folders, capsys):
+    """From the random policy's return; the source's steps make the difference to weak gains."""
+    played = tables.Played(str(folders / "pairs/stock"))
+    print_shares(str(folders / "pairs/stock"))
+    rows = [line.rsplit(maxsplit=3) for line in capsys.readouterr().out.splitlines()[1:]]
+    shares = {arm.strip(): (float(own), float(whole)) for arm, _, own, whole in rows}
+    comparison, random = played.comparison, played.comparison.reference.random_return
+    for arm in ARMS:
+        charged = (comparison.returns[arm].mean() - random) / played.way
+        assert shares[arm][1] == pytest.approx(charged, abs=0.006)
+        weak = comparison.weak_gain(arm, "scratch").estimate / played.way
+        assert shares[arm][0] - shares["scratch"][0] == pytest.approx(weak, abs=0.011)
 
 
 def test_the_tables_say_what_pays_and_whether_the_forecasts_were_right(folders, tmp_path, capsys):
