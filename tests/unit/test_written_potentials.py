@@ -223,7 +223,7 @@ name = "by hand"
 seeds = 8
 controls = ["placebo", "negated", "random_start"]
 budget = 300
-tasks.maze = { type = "maze", map = ["S...", "....", "...T"] }
+tasks.maze = { type = "maze", map = "S...\\n....\\n...T" }
 tasks.near = { type = "crop", of = "maze", rows = [1, 3], columns = [2, 4], budget = 50 }
 transfers = [{ source = "near", target = "maze", mapping = "same_position" }]
 [arms.sources]
