@@ -66,7 +66,7 @@ class Audit:
         return next((name for name in tuned if kinds[name] == kinds[arm]), SCRATCH)
 
     def rows(self, arm: str) -> list[tuple[str, ...]]:
-        """Return the table of an arm: each measure in three columns, :data:`HEADS`."""
+        """Return the table of an arm: each measure in the three columns of ``HEADS``."""
         before, comparison = self.configured.comparison, self.fair.comparison
         played = arm in before.verdicts  # an informed optimist is not
         own = _measures(self.configured, arm, before.best_opponent(arm)) if played else {}
