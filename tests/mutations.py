@@ -416,7 +416,7 @@ MUTATIONS = [
         "+= sum(episode is not None for episode in running)", "+= len(running)",
         ("tests/unit/interop/test_potential_shaping.py::test_a_reset_is_no_step_of_a_weight_that_changes",)),
     Mutation("a member of a portfolio is dropped", "learning/portfolio.py",
-        "if shares[member] > 0.0 and tally", "if shares[member] > 0.1 and tally",
+        "if shares[member] > 0.0 else", "if shares[member] > 0.1 else",
         ("tests/property/test_portfolio_properties.py::test_each_member_acts_for_its_share_of_the_steps",)),
     Mutation("the informed optimist starts at phi", "learning/portfolio.py",
         "phi + self.margin * spread_of(phi)[1]", "phi + 0.0 * spread_of(phi)[1]",

@@ -28,6 +28,14 @@ def unrolled_rows(table, width, bits, best, action):
 
 
 @njit
+def changed_rows(table, entries, values, bits, best, action, highest_values):
+    for row in range(table.shape[0]):
+        changed = entries[row], values[row]
+        best[row], action[row] = best_of(table, np.uint64(row), bits[row], changed)
+        highest_values[row] = highest(table, np.uint64(row), changed)
+
+
+@njit
 def highest_rows(table, best):
     for row in range(table.shape[0]):
         best[row] = highest(table, np.uint64(row))
@@ -71,6 +79,25 @@ def test_a_rows_best_is_found_and_ties_are_flagged(width, dtype):
         unrolled_rows(table, (None,) * width, bits, again, same)
         np.testing.assert_array_equal(same, action)
         np.testing.assert_array_equal(again, best)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_row_is_read_as_if_one_of_its_values_were_changed(width, dtype):
+    rng, n = np.random.default_rng(width), 400
+    table = rng.choice([-np.inf, -2.0, 0.0, 1.5], size=(n, width)).astype(dtype)
+    entries = rng.integers(0, width, size=n, dtype=np.uint64)
+    values, bits = rng.choice([-2.0, 1.5, 3.0], size=n).astype(dtype), random_bits(n)
+    best, action, highest_values = np.zeros(n, dtype), np.zeros(n, np.uint64), np.zeros(n, dtype)
+    untouched = table.copy()
+    changed_rows(table, entries, values, bits, best, action, highest_values)
+    np.testing.assert_array_equal(table, untouched)
+    table[np.arange(n), entries.astype(int)] = values
+    written, drawn = np.zeros(n, dtype), np.zeros(n, np.uint64)
+    best_rows(table, bits, written, drawn)
+    np.testing.assert_array_equal(best, written)
+    np.testing.assert_array_equal(highest_values, written)
+    np.testing.assert_array_equal(action, drawn)
 
 
 @pytest.mark.parametrize("width", [3, 8, 25, 64, 65, 125])

@@ -402,12 +402,13 @@ def outcome_of(next_state, reward):
 
 
 @inlined
-def optimistic_rate(visits, row, action, outcome):
+def optimistic_rate(visits, row, action, next_state, reward):
     """Count a visit; return 1 before outcomes differ, then (H + 1) / (H + n) at visit n."""
     most = (np.uint64(1) << visits.half) - np.uint64(1)
     word = np.uint64(visits.words[row, action])
     n, last_outcome = word & most, word >> visits.half
     if not visits.differ[0]:
+        outcome = outcome_of(next_state, reward)
         if n > np.uint64(0) and last_outcome != outcome & most:
             visits.differ[0] = True
         last_outcome = outcome & most

@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from curricle.arrays import FloatArray, FloatTable
+from curricle.arrays import FloatArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning.learners import Visits, value_range_of
@@ -158,7 +158,7 @@ class Members(NamedTuple):
     shares: FloatArray  # (4,)
     tally: Tally
     highest: float  # cuts the values that the optimists bootstrap from
-    blocks: FloatTable  # (S, 4 A) the four rows
+    pairs: FloatArray  # (4 S A,) the four rows
     visits: Visits  # the same memory, read as whole numbers
     sober: DenseTable
     source: DenseTable  # phi
@@ -206,13 +206,13 @@ def source_is_ahead(tally):
 @inlined
 def next_member(shares, tally):
     """Return who acts the next turn."""
-    total = tally.steps.sum()
-    if tally.turns[SOURCE] < FIRST_TURNS and tally.steps[SOURCE] <= FIRST_SHARE * total:
-        return SOURCE
-    if tally.turns[SOBER] < FIRST_TURNS and tally.steps[SOBER] <= FIRST_SHARE * total:
-        return SOBER
+    for member in (SOURCE, SOBER):
+        early = tally.turns[member] < FIRST_TURNS
+        if early and tally.steps[member] <= FIRST_SHARE * tally.steps.sum():
+            return member
     furthest_behind, fewest = INFORMED, np.inf
     for member in range(np.uint64(shares.shape[0])):
-        if shares[member] > 0.0 and tally.steps[member] / shares[member] < fewest:
-            furthest_behind, fewest = member, tally.steps[member] / shares[member]
+        steps = tally.steps[member] / shares[member] if shares[member] > 0.0 else np.inf
+        if steps < fewest:
+            furthest_behind, fewest = member, steps
     return furthest_behind

@@ -13,7 +13,6 @@ from curricle.learning.learners import (
     Visits,
     explore,
     optimistic_rate,
-    outcome_of,
     sober_rate,
 )
 from curricle.learning.model_based import note_outcome, plan_from
@@ -75,7 +74,8 @@ class MembersChange(NamedTuple):
 
     action: np.uint64
     bits: np.uint64  # break a tie
-    outcome: np.uint64  # a hash of the next state and the reward
+    next_state: np.uint64
+    reward: float
     informed: float
     optimistic: float
     sober: float
@@ -87,11 +87,11 @@ def update_value(q, best, row, change):
     """Update the pair's value and the row's maximum, as no learner acts on its greedy action."""
     old = q[row, change.action]
     new = q.dtype.type(old + change.rate * (change.target - old))
-    q[row, change.action] = new
     if new > best[row]:
         best[row] = new
     elif new < old and old == best[row]:
-        best[row] = highest(q, row)
+        best[row] = highest(q, row, (change.action, new))
+    q[row, change.action] = new
 
 
 @inlined
@@ -102,7 +102,8 @@ def update_all(table, members, row, change, changes):
         update(q, best, greedy, row, change)
     else:
         action, bits = changes.action, changes.bits
-        chosen = optimistic_rate(members.visits, row + VISITS, action, changes.outcome)
+        outcome = changes.next_state, changes.reward
+        chosen = optimistic_rate(members.visits, row + VISITS, action, *outcome)
         rate, cautious = q.dtype.type(chosen), q.dtype.type(sober_rate(members.visits, chosen))
         update(q, best, greedy, row + INFORMED, Change(action, rate, changes.informed, bits))
         update(q, best, greedy, row + OPTIMIST, Change(action, rate, changes.optimistic, bits))
@@ -155,7 +156,7 @@ def learn_fast(model, rule, tables, beside, members, learnt_model, course):
     none = np.uint64(0)
     change, changes = Change(none, nothing, nothing, none), None
     if members is not None:
-        changes = MembersChange(none, none, none, nothing, nothing, nothing, True)
+        changes = MembersChange(none, none, none, 0.0, nothing, nothing, nothing, True)
     pending = NO_ROW
     share = agreement = np.nan
     acting, start, begun, earned, factor = SOURCE, state, step, 0.0, 1.0
@@ -191,13 +192,17 @@ def learn_fast(model, rule, tables, beside, members, learnt_model, course):
             else:
                 bits, counter = splitmix64(counter), counter + STRIDE
                 action = acting_on(members, table, acting, state, bits)
+                if far:  # of these rows the next update reads this pair alone, as a rule
+                    for kept in (SOBER, VISITS):
+                        prefetch(members.pairs, (row + kept) * np.uint64(q.shape[1]) + action)
             next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
             next_row = row_of(table, next_state, terminated)
             if far:
-                if members is None:
-                    prefetch(q, next_row)
-                else:
-                    prefetch(members.blocks, next_state)
+                prefetch(q, next_row)  # that of the informed optimist, in a portfolio
+                if members is not None:
+                    prefetch(q, next_row + OPTIMIST)
+                    prefetch(best, next_row)
+                    prefetch(greedy, next_row)
             if pending != NO_ROW:
                 update_all(table, members, pending, change, changes)
                 pending = NO_ROW
@@ -212,8 +217,7 @@ def learn_fast(model, rule, tables, beside, members, learnt_model, course):
             elif members is None:
                 target = as_learnt(beside, q, reward)
                 if beside is not None and beside.visits.horizon > 0.0:
-                    outcome = outcome_of(next_state, reward)
-                    rate = optimistic_rate(beside.visits, row, action, outcome)
+                    rate = optimistic_rate(beside.visits, row, action, next_state, reward)
                     cautious = sober_rate(beside.visits, rate)
                 else:
                     rate = as_learnt(beside, q, rate_of(rule.learning_rate, row, action, step))
@@ -239,10 +243,8 @@ def learn_fast(model, rule, tables, beside, members, learnt_model, course):
                     informed += discount * (after if after < most else most)
                     optimistic += discount * (other if other < most else most)
                     sober += discount * best[next_row + SOBER]
-                outcome, explores = outcome_of(next_state, reward), acting < SOBER
-                changes = MembersChange(
-                    action, bits, outcome, informed, optimistic, sober, explores
-                )
+                targets = informed, optimistic, sober
+                changes = MembersChange(action, bits, next_state, reward, *targets, acting < SOBER)
             ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)
             if far and not ends and next_row != row and step + 1 < stop:
                 pending = row

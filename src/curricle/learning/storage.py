@@ -226,11 +226,12 @@ def update(q, best, greedy, row, change):
     old = q[row, action]
     new = q.dtype.type(old + change.rate * (change.target - old))
     if new != old:
-        q[row, action] = new
+        # A vector that is read just after one of its values was written makes the processor wait.
         if new > best[row]:
             best[row], greedy[row] = new, action
         elif old == best[row] or new == best[row]:
-            best[row], greedy[row] = best_of(q, row, change.bits)
+            best[row], greedy[row] = best_of(q, row, change.bits, (action, new))
+        q[row, action] = new
     elif np.uint64(greedy[row]) == action | TIED:
         greedy[row] = best_of(q, row, change.bits)[1]  # each visit draws afresh among several
 

@@ -376,7 +376,7 @@ def train_portfolio(run: Run, seed: Seed) -> Outcome:
     ceiling = highest if stated else np.inf
     assert run.horizon is not None
     tally, visits = Tally.empty(), Visits.none(q.view(f"u{q.itemsize}"), run.horizon)
-    memory = q.reshape(n_states, -1), visits
+    memory = q.reshape(-1), visits
     members = Members(portfolio.shares, tally, ceiling, *memory, sober, source)
     tables = table, sober, None, members, None
     totals = run.loop(train_q_learning, seed, tables, sober, q[None])

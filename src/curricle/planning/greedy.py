@@ -31,41 +31,44 @@ MULTIPLIER = np.uint64(0xD1342543DE82EF95)
 
 
 @inlined
-def highest(table, row):
-    """Return the highest value of a row."""
-    best = highest_of_lanes(table, row, np.uint64(0))
+def highest(table, row, changed=None):
+    """Return the highest value of a row; as if one were changed: its action and its value."""
+    best = highest_of_lanes(table, row, changed, np.uint64(0))
     for first in range(LANES, np.uint64(table.shape[1]), LANES):
-        other = highest_of_lanes(table, row, first)
+        other = highest_of_lanes(table, row, changed, first)
         best = other if other > best else best
     return best
 
 
 @inlined
-def ties_in_word(table, row, first, value):
+def ties_in_word(table, row, changed, first, value):
     """Return which of up to 64 values of a row equal `value`, from entry `first` on: a bit each."""
     tied, end = np.uint64(0), np.uint64(table.shape[1])
     end = end if end < first + WORD else first + WORD
     for start in range(first, end, LANES):
-        tied |= ties_in_lanes(table, row, start, value) << (start - first)
+        tied |= ties_in_lanes(table, row, changed, start, value) << (start - first)
     return tied
 
 
 @inlined
-def best_of(table, row, bits):
-    """Return the highest value of a row and an action that has it, drawn and flagged among ties."""
+def best_of(table, row, bits, changed=None):
+    """Return the highest value of a row and an action that has it, drawn and flagged among ties.
+
+    As :func:`highest`, it reads the row as if one value were changed.
+    """
     # No branch depends on the draw: the processor would often predict it wrongly, and then wait
     # for the row to arrive from memory.
-    best, first = highest(table, row), np.uint64(0)
-    tied = ties_in_word(table, row, first, best)
+    best, first = highest(table, row, changed), np.uint64(0)
+    tied = ties_in_word(table, row, changed, first, best)
     ties = ones(tied)
     for start in range(WORD, np.uint64(table.shape[1]), WORD):
-        ties += ones(ties_in_word(table, row, start, best))
+        ties += ones(ties_in_word(table, row, changed, start, best))
     if ties == np.uint64(0):  # only where learning has diverged to NaN
         return best, np.uint64(0)
     skipped = integers(bits * MULTIPLIER, ties)
     while skipped >= ones(tied):  # further on, in a row of more than 64
         skipped, first = skipped - ones(tied), first + WORD
-        tied = ties_in_word(table, row, first, best)
+        tied = ties_in_word(table, row, changed, first, best)
     flag = TIED if ties > np.uint64(1) else np.uint64(0)
     return best, (first + nth_one(tied, skipped)) | flag
 

@@ -400,10 +400,13 @@ def lowered(typed: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
     return register
 
 
-@lowered(lambda table, row, first: table.dtype(table, row, first))
+@lowered(lambda table, row, changed, first: table.dtype(table, row, changed, first))
 def highest_of_lanes(context, builder, signature, args):
-    """Return the highest of up to 8 values of a row, from `first` on; no NaN, (n, m) C-ordered."""
-    values, inside = _vector(context, builder, signature.args[0], args)
+    """Return the highest of up to 8 values of a row, from `first` on; no NaN, (n, m) C-ordered.
+
+    The row is read as if it were `changed`, an entry and its value, or None.
+    """
+    values, inside = _vector(context, builder, signature, args)
     low = ir.Constant(values.type, [float("-inf")] * LANES)
     values, kind = builder.select(inside, values, low), values.type.element
     name = f"llvm.vector.reduce.fmax.v{LANES}{kind.intrinsic_name}"
@@ -411,11 +414,13 @@ def highest_of_lanes(context, builder, signature, args):
     return builder.call(reduce, [values], fastmath=("nnan",))
 
 
-@lowered(lambda table, row, first, value: types.uint64(table, row, first, table.dtype))
+@lowered(
+    lambda table, row, changed, first, value: types.uint64(table, row, changed, first, table.dtype)
+)
 def ties_in_lanes(context, builder, signature, args):
     """Return which of 8 values of a row from entry `first` on equal `value`, one bit each."""
-    values, inside = _vector(context, builder, signature.args[0], args)
-    tied = builder.fcmp_ordered("==", values, _spread(builder, args[3]))
+    values, inside = _vector(context, builder, signature, args)
+    tied = builder.fcmp_ordered("==", values, _spread(builder, args[4]))
     return builder.zext(builder.bitcast(builder.and_(inside, tied), ir.IntType(LANES)), LONG)
 
 
@@ -446,11 +451,12 @@ def _without_lowest(bits: np.uint64, n: np.uint64) -> np.uint64:
 
 
 def _vector(
-    context: CPUContext, builder: ir.IRBuilder, table: types.Array, args: Sequence[ir.Value]
+    context: CPUContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
 ) -> tuple[ir.Value, ir.Value]:
     """Return 8 values of a row from an entry on, and which lie in the row; no others are read."""
+    table, _, changed, *_ = signature.args
     array = context.make_array(table)(context, builder, args[0])
-    width, first = builder.extract_value(array.shape, 1), args[2]
+    width, first = builder.extract_value(array.shape, 1), args[3]
     start = builder.gep(array.data, [builder.add(builder.mul(args[1], width), first)])
     lanes = ir.Constant(WORDS, list(range(LANES)))
     numbers = builder.add(lanes, _spread(builder, builder.trunc(first, WORD)))
@@ -461,7 +467,12 @@ def _vector(
     load = builder.module.declare_intrinsic(name, (), ir.FunctionType(kind, parts))
     size = ir.Constant(WORD, context.get_abi_sizeof(kind.element))
     start = builder.bitcast(start, kind.as_pointer())
-    return builder.call(load, [start, size, inside, ir.Constant(kind, None)]), inside
+    values = builder.call(load, [start, size, inside, ir.Constant(kind, None)])
+    if isinstance(changed, types.BaseTuple):
+        entry, value = (_spread(builder, builder.extract_value(args[2], k)) for k in (0, 1))
+        entry = builder.trunc(entry, WORDS)
+        values = builder.select(builder.icmp_unsigned("==", numbers, entry), value, values)
+    return values, inside
 
 
 def _spread(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
@@ -487,12 +498,13 @@ def of_width(context, builder, signature, args):
 
 @lowered(lambda array, row: types.void(array, row))
 def prefetch(context, builder, signature, args):
-    """Prefetch all cache lines of a row of a C-ordered (n, m) array, for the next step to read."""
+    """Prefetch all cache lines of a row of a C-ordered (n, m) or (n,) array, to be read soon."""
     array = signature.args[0]
     table = context.make_array(array)(context, builder, args[0])
-    width = builder.extract_value(table.shape, 1)
+    count = context.get_value_type(types.intp)
+    width = builder.extract_value(table.shape, 1) if array.ndim > 1 else ir.Constant(count, 1)
     size = context.get_abi_sizeof(context.get_data_type(array.dtype))
-    byte, count = ir.IntType(8).as_pointer(), width.type
+    byte = ir.IntType(8).as_pointer()
     start = builder.ptrtoint(builder.gep(table.data, [builder.mul(args[1], width)]), count)
     last = builder.mul(builder.sub(width, ir.Constant(count, 1)), ir.Constant(count, size))
     kind = ir.FunctionType(ir.VoidType(), [byte, WORD, WORD, WORD])
