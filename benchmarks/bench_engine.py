@@ -220,7 +220,12 @@ def portfolios(board, turns, steps):
     def hunting(steps, portfolio):
         return advise(hunt, chase, cr.mean, steps, SINGLE, portfolio=portfolio)
 
-    cases = {"W1": from_zero(maze(-5)), "W2 advised, mean": hunting, "W3": from_zero(lake)}
+    cases = {
+        "W1": from_zero(maze(-5)),
+        "W2 advised, mean": hunting,
+        "W3": from_zero(lake),
+        "two predators on 4x4": from_zero(cr.Pursuit(4, 2, discount=DISCOUNT)),
+    }
     for name, ready in cases.items():
         contestants = {}
         for side, portfolio in (("portfolio", cr.Portfolio()), ("fast loop", None)):
