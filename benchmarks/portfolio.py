@@ -1,7 +1,12 @@
 """Is the portfolio as good as the better of its learners? Bars: no loss above .1, 85 % of the gain.
 
     python -m benchmarks.portfolio --split verification --seeds 20   # or unseen, development, blind
+    python -m benchmarks.portfolio --split verification --live       # and without a model?
     python -m benchmarks.portfolio --split blind --charged           # does the default pay?
+
+`--live` hides the tables of targets and sources behind environments: the portfolio's bounds are by
+phi's range, sources are learnt by `QLearning`, policies are evaluated by rollouts. Only the
+optimistic learner is told the bounds of the rewards.
 
 `--charged` compares each sensible pair's curriculum, nothing set but the target's budget, with all
 opponents: its verdict, the gain over the best opponent, what that opponent leaves to the optimum
@@ -27,10 +32,12 @@ decides on comes after them; `cost` is their share of the target's.
 
 import argparse
 import warnings
+from bisect import bisect
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -40,10 +47,11 @@ from benchmarks.pairs import Pair, pairs
 from benchmarks.pairs.pair import Family, levels
 from benchmarks.pairs.worlds import task_of
 from benchmarks.portfolio_pairs import UNSEEN
-from curricle.learning import OptimisticQLearning
+from curricle.learning import OptimisticQLearning, value_bounds
 from curricle.planning.target import Target
 from curricle.statistics.curves import Curve, mean_return
 from curricle.study import StudyResults
+from curricle.transfer import StateActionMapping
 
 PARTS, MOST_LOSS, LEAST_KEPT = 20, 0.1, 0.85
 RIVALS = ("scratch", "source", "optimist")
@@ -132,23 +140,66 @@ def chosen(split: Any) -> Iterator[Pair]:
         yield replace(pair, name=f"{pair.name}, negated", kind="negated", scale=-pair.scale)
 
 
-def played(pair: Pair, seeds: int) -> dict[str, Any]:
+class Hidden:
+    """An environment that tells the number of each state of a task, and no tables."""
+
+    def __init__(self, mdp: cr.FiniteMDP) -> None:
+        self.start, self.pairs = np.cumsum(mdp.start).tolist(), mdp.outcome_row.tolist()
+        self.chances = np.cumsum(mdp.probability, axis=1).tolist()
+        self.after, self.reward = mdp.next_state.tolist(), mdp.reward.tolist()
+        self.ends = mdp.terminal.tolist()
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[int, dict[str, Any]]:
+        if seed is not None:
+            self.random = Random(seed).random
+        self.state = bisect(self.start, self.random() * self.start[-1])
+        return self.state, {}
+
+    def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
+        row = self.pairs[self.state][action]
+        outcome = bisect(self.chances[row], self.random() * self.chances[row][-1])
+        self.state = self.after[row][outcome]
+        return self.state, self.reward[row][outcome], self.ends[self.state], False, {}
+
+    def close(self) -> None:
+        pass
+
+
+def hidden(pair: Pair) -> Pair:
+    """Return a pair whose tasks are played live."""
+    target, source = (
+        cr.tasks.LiveMDP(
+            task.states, task.actions, partial(Hidden, task.mdp), discount=task.mdp.discount,
+            time_limit=task.mdp.time_limit,
+        )
+        for task in (pair.target, pair.source)
+    )  # fmt: skip
+    maps = tuple(StateActionMapping(target, source, read.index) for read in pair.mappings)
+    return replace(pair, source=source, target=target, mappings=maps)
+
+
+def played(pair: Pair, seeds: int, live: bool = False) -> dict[str, Any]:
     """Return the scores of all arms of a pair."""
+    random, optimum = levels(pair.target)
+    training = Target.of(pair.target, cr.GreedyEvaluation(method="exact", discounted=False))
+    optimist = OptimisticQLearning(value_range=value_bounds(pair.target))
+    pair = hidden(pair) if live else pair
+    evaluation = cr.GreedyEvaluation(method="rollouts" if live else "exact")
     task, steps = pair.target, pair.target_budget
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         freq = {"target": pair.eval_freq}
-        curriculum = pair.curriculum(shaping=None, budget={"target": steps}, eval_freq=freq)
+        curriculum = pair.curriculum(
+            shaping=None, budget={"target": steps}, eval_freq=freq, evaluation=evaluation
+        )
         source = curriculum.train(seeds, only="source", workers=1)["source"]
         potentials = curriculum.potentials("target", {"source": source})
-    random, optimum = levels(task)
-    training = Target.of(task, cr.GreedyEvaluation(method="exact", discounted=False))
     way = training.optimum - training.random_return
     portfolio = [cr.QInitialisation(phi, portfolio=cr.Portfolio()) for phi in potentials]
     arms: dict[str, Any] = {
         "scratch": {},
         "source": {"shaping": [cr.QInitialisation(phi) for phi in potentials]},
-        "optimist": {"learner": OptimisticQLearning()},
+        "optimist": {"learner": optimist},
         "portfolio": {"shaping": portfolio},
     }
     row: dict[str, Any] = {"pair": pair.name, "family": pair.family}
@@ -156,7 +207,7 @@ def played(pair: Pair, seeds: int) -> dict[str, Any]:
     for arm, settings in arms.items():
         result = cr.learn(
             task, budget=steps, seeds=seeds, eval_freq=steps // PARTS, workers=1,
-            evaluation=cr.GreedyEvaluation(method="exact"), **settings,
+            evaluation=evaluation, **settings,
         )  # fmt: skip
         curve = result.training_return.copy()
         curve[:, 0] = training.random_return
@@ -228,6 +279,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--charged", action="store_true")
     parser.add_argument("--results", nargs="+", help="folders of studies to print shares of")
+    parser.add_argument("--live", action="store_true")
     settings = parser.parse_args()
     for folder in settings.results or ():
         print_shares(folder)
@@ -248,7 +300,8 @@ def main() -> None:
         return
     print(f"{'':46}cost share  " + "  ".join(f"{arm:>10}" for arm in (*RIVALS, "portfolio")))
     with ProcessPoolExecutor(settings.workers) as pool:
-        for row in pool.map(partial(played, seeds=settings.seeds), chosen(settings.split)):
+        play = partial(played, seeds=settings.seeds, live=settings.live)
+        for row in pool.map(play, chosen(settings.split)):
             rows.append(row)
             cells = (f"{row[arm]['t']:5.2f}{row[arm]['g']:5.2f}" for arm in (*RIVALS, "portfolio"))
             head = f"{row['pair'][:45]:46}{row['cost']:4.2f} {row['share']:5.2f}  "

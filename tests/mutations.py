@@ -419,7 +419,7 @@ MUTATIONS = [
         "if shares[member] > 0.0 else", "if shares[member] > 0.1 else",
         ("tests/property/test_portfolio_properties.py::test_each_member_acts_for_its_share_of_the_steps",)),
     Mutation("the informed optimist starts at phi", "learning/portfolio.py",
-        "phi + self.margin * spread_of(phi)[1]", "phi + 0.0 * spread_of(phi)[1]",
+        "(self.margin * (high - low), lowest", "(0.0 * (high - low), lowest",
         ("tests/oracle/test_portfolio_oracle.py::test_a_portfolio_equals_the_naive_one",)),
     Mutation("R-max plans with pairs that were tried too seldom", "learning/model_based.py",
         "if visits >= learnt.min_visits:", "if visits > 0:",

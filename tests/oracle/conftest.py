@@ -373,16 +373,20 @@ def play_portfolio_naively(
 ):
     """Return what `learn` does with a portfolio for one seed, without the greedy evaluation.
 
-    `phi`, (S, A), is NaN where unknown. `seen` gets the members' values after each step.
+    `phi`, (S, A), is NaN where unknown. Without `bounds` the lowest rewards so far lower the sober
+    learner's values, by `floor`. `seen` gets the members' values after each step.
     """
-    mdp, (lowest, highest) = task.mdp, bounds
+    mdp, least, floor = task.mdp, [0.0, 0.0], 0.0
     gamma, limit = mdp.discount, mdp.time_limit or math.inf
     horizon = naive_horizon(mdp)
     longest = limit if gamma == 1 or limit * (1 - gamma) <= 10 else round(3 / (1 - gamma))
     values, known = np.nan_to_num(phi), phi[~mdp.terminal]
     spread = np.nanmax(known) - np.nanmin(known)
+    lowest, highest = bounds or (-math.inf, np.nanmax(known) + 3.0 * spread)
+    cut = highest if bounds else math.inf
     informed = np.clip(phi + portfolio.margin * spread, lowest, highest)
-    tables = [np.where(np.isnan(phi), highest, informed), highest, lowest, values]
+    sober = lowest if bounds else 0.0
+    tables = [np.where(np.isnan(phi), highest, informed), highest, sober, values]
     tables = [np.where(mdp.terminal[:, None], 0.0 * values, table) for table in tables]
     for table in tables:
         table[mdp.random_policy == 0] = -math.inf
@@ -403,10 +407,14 @@ def play_portfolio_naively(
         visits[state, action] += 1
         noisy |= outcomes.setdefault((state, action), (after, reward)) != (after, reward)
         rate = (horizon + 1) / (horizon + visits[state, action]) if noisy else 1.0
+        if not bounds and reward < least[ended]:
+            least[ended] = reward
+            floor = (horizon - 1) * least[False] + min(least)
         targets = []
-        for member, most in ((INFORMED, highest), (OPTIMIST, highest), (SOBER, math.inf)):
-            worth = 0.0 if ended else gamma * min(most, tables[member][after].max())
-            targets.append(reward + worth)
+        for member, most in ((INFORMED, cut), (OPTIMIST, cut), (SOBER, math.inf)):
+            below = floor if member == SOBER else 0.0
+            worth = 0.0 if ended else gamma * (min(most, tables[member][after].max()) + below)
+            targets.append(reward - below + worth)
         for member in (INFORMED, OPTIMIST):
             before, old = tables[member][state].tolist(), tables[member][state, action]
             tables[member][state, action] = old + rate * (targets[member] - old)
@@ -426,8 +434,9 @@ def play_portfolio_naively(
         if step % eval_freq == 0:
             curves.note()
             shown.append(float(turns.ahead))
-    learnt = tables[SOURCE] if turns.ahead else tables[SOBER]
-    return curves.result(values=learnt, source_share=np.array(shown), turns=turns)
+    live = ~mdp.terminal[:, None]
+    learnt = tables[SOURCE] if turns.ahead else tables[SOBER] + np.where(live, floor, 0.0)
+    return curves.result(values=learnt, source_share=np.array(shown), turns=turns, floor=floor)
 
 
 @pytest.fixture(scope="session")

@@ -39,6 +39,10 @@ def pair(random_mdp):
 def assert_same(live, tabled, terminal):
     """To the last bit, but for the values of terminal states, which a live task cannot know."""
     np.testing.assert_array_equal(live.values[:, ~terminal], tabled.values[:, ~terminal])
+    assert_same_curves(live, tabled)
+
+
+def assert_same_curves(live, tabled):
     curves = "training_return", "greedy_return", "episodes", "source_share"
     for name in (*curves, "steps_used", "episodes_used"):
         np.testing.assert_array_equal(getattr(live, name), getattr(tabled, name))
@@ -67,6 +71,26 @@ def test_every_shaping_and_a_portfolio(way, pair, monkeypatch):
     learner = cr.QLearning(epsilon=0.3)
     shape = (12,) if way is cr.StateShaping else (12, tasks[0].actions.size)
     learn_both(tasks, learner, shaping=way(np.random.default_rng(0).normal(size=shape)))
+
+
+@pytest.mark.parametrize("kind", ["sparse", "dense"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_portfolio_with_stated_bounds_is_that_of_the_tables(sign, kind, pair):
+    """Rows that are added as states are met are those of dense tables of the same rules."""
+    mdp, live = pair(2, time_limit=9)
+    portfolio, storage = cr.Portfolio(value_range=(-9.0, 9.0)), cr.Storage(kind)
+    phi = sign * cr.solve(mdp).action_values
+    shaping = cr.QInitialisation(phi, portfolio=portfolio)
+    settings = {"eval_freq": EVERY, "seeds": [4, 1], "evaluation": ROLLED, "shaping": shaping}
+    tabled = cr.learn(mdp, budget=STEPS, **settings)
+    played = cr.learn(live, budget=STEPS, storage=storage, **settings)
+    assert tabled.source_share[:, -1].any() == (sign > 0)  # phi is handed on
+    if kind == "dense":
+        assert_same(played, tabled, mdp.terminal)
+        return
+    assert_same_curves(played, tabled)
+    for seed, met in enumerate(played.values):
+        np.testing.assert_array_equal(met.values, tabled.values[seed, met.states])
 
 
 @pytest.mark.slow

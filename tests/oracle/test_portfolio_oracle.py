@@ -10,9 +10,12 @@ from .conftest import INFORMED, OPTIMIST, SOBER, SOURCE, play_portfolio_naively
 STEPS = 1500
 
 
-def assert_same(task, phi, steps=STEPS, *, seed=0, portfolio=None, way=cr.QInitialisation):
+def assert_same(
+    task, phi, steps=STEPS, *, seed=0, portfolio=None, way=cr.QInitialisation, bounds=()
+):
     """Equal to the last bit."""
-    portfolio, bounds = portfolio or cr.Portfolio(), cr.learning.value_bounds(task)
+    portfolio = portfolio or cr.Portfolio()
+    bounds = cr.learning.value_bounds(task) if bounds == () else bounds
     shaping = way(phi, portfolio=portfolio)
     result = cr.learn(task, budget=steps, seeds=[seed], shaping=shaping, eval_freq=50)
     known = np.where(phi.unknown, np.nan, phi.values) if hasattr(phi, "unknown") else phi
@@ -44,6 +47,18 @@ def test_a_portfolio_equals_the_naive_one(way, seed, random_mdp):
     portfolio = cr.Portfolio(margin=[0.1, 0.0, 2.0][seed % 3], optimist=[0.7, 0.3][seed % 2])
     naive = assert_same(task, drawn(task, seed), seed=seed, portfolio=portfolio, way=way)
     assert all(naive.turns.turns[member] for member in (INFORMED, OPTIMIST, SOBER, SOURCE))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_without_bounds_the_lowest_rewards_lower_what_is_not_tried(seed, random_mdp, monkeypatch):
+    monkeypatch.setattr("curricle.learning.run.value_bounds", lambda task: None)
+    task = random_mdp(seed, time_limit=6, discount=[0.9, 1.0][seed % 2])
+    naive = assert_same(task, drawn(task, 2 * seed + 1), seed=seed, bounds=None)
+    assert naive.floor < 0
+    phi = cr.QInitialisation(drawn(task, 2 * seed + 1), portfolio=cr.Portfolio())
+    shown = cr.learn(task, budget=STEPS, seeds=[seed], shaping=phi, snapshots=3)
+    live = ~task.mdp.terminal
+    np.testing.assert_allclose(shown.snapshots.values[-1, live], shown.values[0, live], atol=1e-5)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -171,6 +171,20 @@ def test_a_curriculum_does_not_change_with_the_callers_containers():
     assert set(curriculum.train().nodes) == {"near", "far"}
 
 
+@pytest.mark.parametrize(
+    ("storage", "last", "expected"),
+    [("auto", True, True), ("sparse", True, True), ("dense", True, False), ("auto", False, False)],
+)
+def test_large_tasks_have_portfolios_where_their_tables_may_be_sparse(storage, last, expected):
+    huge, chase = cr.Pursuit(50, 2), cr.Pursuit(3, 1)
+    tasks = {"chase": chase, "hunt": huge, "more": cr.Pursuit(50, 2, time_limit=99)}
+    of = [cr.Transfer("chase", "hunt", cr.project(huge, chase, predator="predator_1"))]
+    of += [cr.Transfer("hunt", "more", cr.project(tasks["more"], huge))]
+    tasks, of = (tasks, of) if not last else (dict(list(tasks.items())[:2]), of[:1])
+    plan = cr.Curriculum(tasks, of, storage={"hunt": cr.Storage(storage)})
+    assert (plan.setting("shaping", "hunt").portfolio is not None) == expected
+
+
 def test_tasks_that_have_sources_have_portfolios():
     result = build(CHAIN, budget=2000, shaping=cr.QInitialisation(portfolio=cr.Portfolio())).train()
     assert np.isnan(result["near"].source_share).all()

@@ -11,7 +11,7 @@ from curricle.errors import SettingError
 from curricle.learning import SparseValues
 from curricle.transfer.potential import mapped_potential
 from tests.support.refusals import check_values
-from tests.support.tasks import predator_edges
+from tests.support.tasks import predator_edges, random_mdp, with_masks
 
 # By their tables, which share compiled loops with other tests.
 CHASE, HUNT = cr.Pursuit(3, 1).mdp, cr.Pursuit(3, 2, time_limit=40).mdp
@@ -30,12 +30,13 @@ LEARNT = [
 """Each a loop of its own to compile; a table's precision does not depend on the exploration."""
 
 
-def potential(task, function=cr.minimum, seed=0):
+def potential(task, function=cr.minimum, seed=0, unmapped=(-7.0, -5.0)):
     """Return random values of two sources read through mappings; some pairs end or have none."""
     rng = np.random.default_rng(seed)
+    read = zip(("predator_1", "predator_2"), unmapped, (2.0, -1.0), (0.5, 0.0), strict=True)
     edges = [
         cr.Transfer("chase", "hunt", cr.project(task, CHASE, predator=name, unmapped_value=u), x, y)
-        for name, u, x, y in (("predator_1", -7.0, 2.0, 0.5), ("predator_2", -5.0, -1.0, 0.0))
+        for name, u, x, y in read
     ]
     return mapped_potential(task, edges, rng.normal(-8, 3, size=(2, 81, 5)), function)
 
@@ -79,6 +80,55 @@ def test_a_sparse_row_starts_as_the_potential_and_the_initial_value():
     assert {-7.0 + 0.25, -5.0 + 0.25} & set(met.values.ravel().tolist())  # some are unmapped
 
 
+@pytest.mark.parametrize(
+    ("dtype", "most"),
+    [
+        ("float64", 10**7),
+        ("float64", 0),
+        pytest.param("float32", 10**7, marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.parametrize("aggregate", AGGREGATES)
+def test_a_portfolio_learns_the_same_in_sparse_tables(aggregate, dtype, most, monkeypatch):
+    """Also of pairs that no source knows, and of more pairs than have bounds from rewards."""
+    for module in ("run", "potential"):
+        monkeypatch.setattr(f"curricle.learning.{module}.MOST_SHARED", most)
+    phi = [potential(FAR, AGGREGATES[aggregate], seed, (None, None)) for seed in range(2)]
+    phi[1] = phi[1].rescaled(-1.0)
+    assert np.isnan(phi[0].known[~FAR.terminal]).any()
+    shaping = [cr.QInitialisation(guess, portfolio=cr.Portfolio()) for guess in phi]
+    both(FAR, QLearning(), dtype=dtype, evaluation=ROLLED, seeds=2, shaping=shaping)
+
+
+def test_a_portfolio_of_sparse_tables_takes_phi_as_an_array_and_masks():
+    task = with_masks(random_mdp(3, n_states=40, n_actions=4, time_limit=12), 3)
+    rng, shape = np.random.default_rng(3), task.available.shape
+    unknown = (rng.random(shape) < 0.3) & ~task.terminal[:, None]
+    phi = cr.StateActionPotential(task, rng.normal(size=shape), unknown)
+    for portfolio in (cr.Portfolio(), None):
+        shaping = cr.QInitialisation(phi, portfolio)
+        both(task, QLearning(), evaluation=EXACT, eval_freq=50, shaping=shaping)
+
+
+def test_sparse_tables_hand_on_phi_while_it_is_ahead():
+    maze = cr.GridWorld(["....T", ".PPP.", "S...."])
+    shaping = cr.QInitialisation(cr.solve(maze).action_values, portfolio=cr.Portfolio())
+    dense, _ = both(maze, QLearning(), shaping=shaping)
+    assert dense.source_share[0, -1] == 1
+
+
+@pytest.mark.parametrize("aggregate", AGGREGATES)
+def test_the_values_of_the_sources_bound_phi_where_it_is_not_read(aggregate, monkeypatch):
+    for seed, unmapped in enumerate([(None, None), (-7.0, -5.0)]):
+        phi = potential(FAR, AGGREGATES[aggregate], seed, unmapped).rescaled(-2.0, 1.0)
+        low, high = phi.extremes
+        assert (low, high) == (np.nanmin(phi.known), np.nanmax(phi.known))
+        with monkeypatch.context() as patch:
+            patch.setattr("curricle.learning.potential.MOST_SHARED", 0)
+            bounds = potential(FAR, AGGREGATES[aggregate], seed, unmapped).rescaled(-2.0, 1.0)
+            assert bounds.extremes[0] <= low < high <= bounds.extremes[1]
+
+
 @pytest.mark.parametrize("limit", [None, 30])
 def test_exact_evaluation_reads_sparse_tables(limit):
     small = cr.Pursuit(2, 2, time_limit=limit).mdp
@@ -102,25 +152,27 @@ def test_ten_thousand_million_states_are_learnt():
         budget={"chase": 1000, "hunt": 2000},
         evaluation=GreedyEvaluation(episodes=2),
     ).train(2)["hunt"]
+    assert np.isfinite(result.source_share[:, -1]).all()  # it was a portfolio
     assert result.steps_used.tolist() == [2000, 2000]
     for met in result.values:
         assert 1000 < len(met.states) <= 2011
         assert 10**10 < met.states.max() < 2500**3
 
 
-def limited(rows, **settings):
+def limited(rows, tables=1, **settings):
     sparse = Storage("sparse")
     bytes_a_row = 10_000 / sparse.rows_within(10_000_000, HUNT.actions.size) * 1000
-    storage = Storage("sparse", memory_limit=int((rows + 0.5) * bytes_a_row))
-    assert storage.rows_within(storage.limit, HUNT.actions.size) == rows
+    storage = Storage("sparse", memory_limit=int((rows + 0.5) * bytes_a_row) * tables)
+    assert storage.rows_within(storage.limit // tables, HUNT.actions.size) == rows
     learner = QLearning(epsilon=0.5)
     return cr.learn(HUNT, learner, 20_000, eval_freq=20, storage=storage, **settings)
 
 
 @pytest.mark.parametrize("rows", [1, 17, 100])
-def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows):
-    settings = {"shaping": cr.QInitialisation(potential(HUNT)), "evaluation": ROLLED}
-    short = limited(rows, **settings)
+@pytest.mark.parametrize(("portfolio", "tables"), [(None, 1), (cr.Portfolio(), 5)])
+def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows, portfolio, tables):
+    settings = {"shaping": cr.QInitialisation(potential(HUNT), portfolio), "evaluation": ROLLED}
+    short = limited(rows, tables, **settings)
     whole = cr.learn(HUNT, QLearning(epsilon=0.5), 20_000, eval_freq=20, **settings)
     assert short.out_of_memory.all()
     assert not whole.out_of_memory.any()
@@ -205,12 +257,9 @@ def test_a_curriculum_asks_for_sources_whose_values_are_kept():
 
 
 ARRAY = cr.StateActionPotential(CHASE, np.zeros((81, 5)))
-GUARDED = cr.QInitialisation(ARRAY, cr.Portfolio())
 REFUSED = [
     ({"learner": cr.SARSA()}, "are for QLearning .* got SARSA"),
     ({"shaping": cr.StateShaping(ARRAY)}, "got QLearning with StateShaping"),
-    ({"shaping": GUARDED}, "got QLearning.* and a portfolio"),
-    ({"shaping": cr.QInitialisation(ARRAY)}, "got StateActionPotential, which is an array"),
 ]
 
 

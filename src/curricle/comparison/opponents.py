@@ -22,15 +22,10 @@ import numpy as np
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import fit_name, instance, one_of
-from curricle.curriculum.curriculum import (
-    MOST_SHARED,
-    OF_TARGETS,
-    SETTINGS,
-    Curriculum,
-    TrainingOptions,
-)
+from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum, TrainingOptions
 from curricle.errors import CurriculumError, SettingError, TaskError
 from curricle.learning.learners import Learner, OptimisticQLearning, RMax, value_bounds
+from curricle.learning.potential import MOST_SHARED
 from curricle.learning.result import LearningResult
 from curricle.learning.shaping import QInitialisation
 from curricle.planning.rollouts import random_rollouts

@@ -17,6 +17,7 @@ from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.portfolio import Portfolio
+from curricle.learning.potential import MOST_SHARED
 from curricle.learning.result import LearningResult
 from curricle.learning.run import learn
 from curricle.learning.seeds import seed_tuple
@@ -81,7 +82,6 @@ PULL = 0.1
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
 among the development targets of benchmarks/networks/miniatures.py."""
 ACTOR_CRITICS = ("PPO", "A2C")  # algorithms for which the pull was tested
-MOST_SHARED = 10_000_000  # state-action pairs of a task with a portfolio: 400 MB of tables a seed
 
 
 class TrainingOptions(NamedTuple):
@@ -269,7 +269,7 @@ class Curriculum:
         ``StoppingRule(5_000)`` is exactly 5,000 steps.
     shaping : Shaping or dict
         How the potentials of sources enter learning. Default :class:`QInitialisation`, with a
-        :class:`Portfolio` where the learner has dense tables of up to 10 million pairs.
+        :class:`Portfolio` for :class:`QLearning`; beyond 10 million pairs in sparse tables alone.
         Networks other than DQN's cannot start at a potential: their default is
         :class:`StateShaping`, or ``WeightTransfer(kl=0.1)`` for an actor-critic whose only source
         is distilled from :func:`miniatures` and read unchanged.
@@ -510,17 +510,18 @@ class Curriculum:
         if isinstance(learner, DeepLearner) and not learner.may_start_at_potential:
             return StateShaping()
         plain = isinstance(learner, QLearning) and not masks_actions(self.tasks[name])
-        if plain and self._suits_optimists(name):
+        # Sparse values cannot be transferred.
+        if plain and self._suits_optimists(name, sparse=name in self.last_tasks):
             return QInitialisation(portfolio=Portfolio())
         return QInitialisation()
 
-    def _suits_optimists(self, name: str) -> bool:
-        """Return whether a task has dense tables of few pairs, and a horizon."""
-        model = generative_model(self.tasks[name])
+    def _suits_optimists(self, name: str, *, sparse: bool = False) -> bool:
+        """Return whether a task has a horizon, and dense tables of few pairs or `sparse` ones."""
+        model, kind = generative_model(self.tasks[name]), self.setting("storage", name).kind
         # The limit does not depend on the machine's memory.
-        few = model.states.size * model.actions.size <= MOST_SHARED
+        few = kind != "sparse" and model.states.size * model.actions.size <= MOST_SHARED
         bounded = model.discount < 1 or model.time_limit is not None
-        return few and bounded and self.setting("storage", name).kind != "sparse"
+        return bounded and (few or (sparse and kind != "dense"))
 
     def _stated(self, which: str, name: str) -> Any:
         """Return a setting of a task as stated, else its default; None for an `unknown_value`."""

@@ -15,8 +15,9 @@ from curricle.arrays import FloatArray
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.learning.learners import Visits, value_range_of
+from curricle.learning.potential import PairPotential
 from curricle.learning.stopping import plain_and_inlined
-from curricle.learning.storage import DenseTable
+from curricle.learning.storage import DenseTable, SparseTable
 from curricle.tasks.kernel import inlined
 
 # The members. The first three have a row for each state, the fourth a table that never changes.
@@ -29,6 +30,7 @@ SELDOM = 0.05  # share of the steps in which the sober learner acts, and the sou
 FIRST_TURNS, FIRST_SHARE = 5.0, 0.1
 """Turns that both have at first, as long as these are no more than that share of the steps."""
 MEMORY = 10.0  # turns of a member over which returns are averaged
+ABOVE = 3.0  # ranges of phi above its highest value at which optimism starts without bounds
 MOST_OPTIMIST = 1.0 - 3.0 * SELDOM
 TURN, WHOLE = 3.0, 10.0
 """An episode is a turn where it has WHOLE / (1 - discount) steps at most. Elsewhere turns are cut
@@ -70,9 +72,10 @@ class Portfolio:
     below Q*: what it leaves untried is no better than what it does. Where phi is lower, the
     optimist remains, which no potential reaches.
 
-    A task without tables gives no bounds. Unless these are stated, they are min phi less the range
-    of phi and max phi plus that, for the start alone. A task with neither a discount below 1 nor a
-    time limit has no H, and no portfolio.
+    A task without tables, or with more than 10 million pairs, gives no bounds. Unless these are
+    stated, the optimist starts at max phi plus three times the range of phi, and the sober learner
+    at what the lowest rewards so far allow; its values fall with it. A task with neither a discount
+    below 1 nor a time limit has no H, and no portfolio.
 
     Parameters
     ----------
@@ -109,27 +112,19 @@ class Portfolio:
         informed = 1.0 - float(self.optimist) - 2.0 * SELDOM
         return np.array([informed, self.optimist, SELDOM, SELDOM])
 
-    def informed(self, phi: FloatArray, bounds: tuple[float, float]) -> FloatArray:
-        """Return the start of the informed optimist's values, (S, A) float64.
+    def starts(self, phi: PairPotential, bounds: tuple[float, float] | None) -> FloatArray:
+        """Return what each row of a state adds to phi, and is then cut to, (4, 3) float64."""
+        low, high = phi.extremes
+        lowest, highest = bounds or (-np.inf, high + ABOVE * (high - low or 1.0))
+        sober = lowest if bounds else 0.0  # which the rewards seen then lower
+        informed, none = (self.margin * (high - low), lowest, highest), (0.0, 0.0, 0.0)
+        return np.array([informed, (0.0, highest, highest), (0.0, sober, sober), none])
 
-        `phi` is NaN where no source knows a pair.
-        """
-        start = np.clip(phi + self.margin * spread_of(phi)[1], *bounds)
-        return np.where(np.isnan(phi), bounds[1], start)
-
-
-def spread_of(phi: FloatArray) -> tuple[float, float, float]:
-    """Return min phi, max phi - min phi and max phi, without NaN; 0 where all of it is NaN."""
-    if np.isnan(phi).all():
-        return 0.0, 0.0, 0.0
-    lowest, highest = float(np.nanmin(phi)), float(np.nanmax(phi))
-    return lowest, highest - lowest, highest
-
-
-def bounds_by(phi: FloatArray) -> tuple[float, float]:
-    """Return what bounds the values of a task without tables."""
-    lowest, spread, highest = spread_of(phi)
-    return lowest - spread, highest + spread
+    def informed(self, phi: PairPotential, bounds: tuple[float, float] | None) -> FloatArray:
+        """Return the start of the informed optimist's values, (S, A) float64."""
+        known, (added, lowest, highest) = phi.known, self.starts(phi, bounds)[INFORMED]
+        start = np.clip(known + added, lowest, highest)
+        return np.asarray(np.where(np.isnan(known), highest, start))
 
 
 class Tally(NamedTuple):
@@ -147,6 +142,14 @@ class Tally(NamedTuple):
         return cls(*np.zeros((5, 4)))
 
 
+class Floor(NamedTuple):
+    """What the sober learner's values have lost, all alike, where there are no bounds."""
+
+    least: FloatArray  # (2,) the lowest reward of a step that went on, and of one that terminated
+    lost: FloatArray  # (1,) minus what H of them allow
+    horizon: float
+
+
 class Members(NamedTuple):
     """The members in the fast loop, with four rows for each state, side by side.
 
@@ -158,10 +161,11 @@ class Members(NamedTuple):
     shares: FloatArray  # (4,)
     tally: Tally
     highest: float  # cuts the values that the optimists bootstrap from
+    floor: Floor | None  # where there are no bounds
     pairs: FloatArray  # (4 S A,) the four rows
     visits: Visits  # the same memory, read as whole numbers
-    sober: DenseTable
-    source: DenseTable  # phi
+    sober: DenseTable | SparseTable
+    source: DenseTable | SparseTable  # phi
 
 
 class Turn(NamedTuple):

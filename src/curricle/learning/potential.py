@@ -17,7 +17,7 @@ from curricle.arrays import FloatArray, FloatTable, Frozen, IntArray, frozen, re
 from curricle.checks import BEYOND_64_BITS, brief, indices, number, numbers, whole_number
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule
-from curricle.learning.value_lookup import ValueLookup, fits_task, read_rows
+from curricle.learning.value_lookup import TOTAL, ValueLookup, array_lookup, fits_task, read_rows
 from curricle.tasks.mdp import Task, available_actions, duplicated, generative_model
 from curricle.text import brief_repr
 
@@ -27,6 +27,9 @@ Near 1e308 learning overflows."""
 
 
 ROWS = 1024  # of a table that are computed at a time
+MOST_SHARED = 10_000_000
+"""State-action pairs up to which members of a portfolio may have dense tables by default, 400 MB a
+seed, and up to which phi is read at every pair for its range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,10 +151,14 @@ class PairPotential(Frozen, ABC):
     def known(self) -> FloatArray:
         """phi(s, a), (S, A) float64; NaN where no source knows a pair, and at known ends."""
 
-    @property
-    def kernel(self) -> ValueLookup | None:
-        """The lookup that fills tables row by row while learning; None for an array."""
-        return None
+    @cached_property
+    def extremes(self) -> tuple[float, float]:
+        """The lowest and the highest phi(s, a) where it is known; 0 and 0 where it is nowhere."""
+        return extremes_of(self.known)
+
+    def kernel(self, *, gaps: bool = False) -> ValueLookup:
+        """Return the lookup that fills tables row by row, NaN at unknown pairs if `gaps`."""
+        return array_lookup(self.known if gaps else self.values, partial=gaps)
 
     def fill(self, q: FloatTable, initial: float) -> None:
         """Write initial + phi(s, a) into a table, (S, A); terminal rows may hold anything."""
@@ -283,10 +290,9 @@ class MappedPotential(PairPotential):
         if largest > LARGEST_POTENTIAL:
             raise too_large("phi", f"the sources' values give {largest:g}")
 
-    @property
-    def kernel(self) -> ValueLookup:
-        """The lookup."""
-        return self.lookup
+    def kernel(self, *, gaps: bool = False) -> ValueLookup:
+        """Return the lookup, with NaN at unknown pairs if `gaps`."""
+        return self.lookup._replace(unknown=np.nan) if gaps else self.lookup
 
     @cached_property
     def values(self) -> FloatArray:
@@ -296,8 +302,24 @@ class MappedPotential(PairPotential):
     @property
     def known(self) -> FloatArray:
         """phi(s, a), (S, A) float64; NaN where no source knows a pair, and at known ends."""
-        gaps = replace(self, lookup=self.lookup._replace(unknown=np.nan))
+        gaps = replace(self, lookup=self.kernel(gaps=True))
         return _nan_at(gaps.values, None, generative_model(self.task).terminal)
+
+    @cached_property
+    def extremes(self) -> tuple[float, float]:
+        """The lowest and the highest phi(s, a) where it is known; 0 and 0 where it is nowhere.
+
+        Of a task with more than 10 million pairs they are bounds, by all values of the sources.
+        """
+        lookup, rules = self.lookup, generative_model(self.task)
+        if rules.states.size * rules.actions.size <= MOST_SHARED:
+            return super().extremes
+        low, high = extremes_of(lookup.values)
+        if lookup.combine == TOTAL:
+            n = len(lookup.first)
+            low, high = min(low, n * low), max(high, n * high)
+        ends = [lookup.scale * end + lookup.shift for end in (low, high)]
+        return min(ends), max(ends)
 
     def fill(self, q: FloatTable, initial: float) -> None:
         """Write initial + phi(s, a) into a table, (S, A)."""
@@ -322,6 +344,12 @@ class MappedPotential(PairPotential):
         lookup, (scale, shift) = self.lookup, finite_scale(scale, shift)
         lookup = lookup._replace(scale=scale * lookup.scale, shift=scale * lookup.shift + shift)
         return replace(self, lookup=lookup)
+
+
+def extremes_of(values: FloatArray) -> tuple[float, float]:
+    """Return the lowest and the highest of values that are finite; 0 and 0 where none is."""
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
 
 
 def finite_scale(scale: float, shift: float) -> tuple[float, float]:

@@ -22,6 +22,7 @@ from curricle.learning.portfolio import (
     SOBER,
     SOURCE,
     VISITS,
+    Floor,
     Turn,
     add_turn,
     next_member,
@@ -111,15 +112,29 @@ def update_all(table, members, row, change, changes):
             update_value(q, best, row + SOBER, Change(action, cautious, changes.sober, bits))
 
 
+@overloaded(otherwise=lambda floor, reward, terminated: 0.0)
+def lost_after(floor, reward, terminated):
+    """Return what the sober learner's values have lost by the lowest rewards so far."""
+
+
+@lost_after.body(Floor)
+def _lost_after(floor, reward, terminated):
+    if reward < floor.least[np.uint64(terminated)]:
+        floor.least[np.uint64(terminated)] = reward
+        going, ending = floor.least
+        floor.lost[0] = (floor.horizon - 1.0) * going + min(going, ending)
+    return floor.lost[0]
+
+
 @inlined
-def acting_on(members, table, member, state, bits):
-    """Return a greedy action of a portfolio's member."""
+def acting_on(members, table, member, row, state, bits):
+    """Return a greedy action of a portfolio's member in a state, whose first row is `row`."""
     # The optimists' greedy actions are kept. The others act seldom, and draw among ties here.
     if member == SOURCE:
         return greedy_action(members.source, state, bits) & ACTION
     if member == SOBER:
         return greedy_action(members.sober, state, bits) & ACTION
-    return np.uint64(table.row_argmax[row_of(table, state, False) + member]) & ACTION
+    return np.uint64(table.row_argmax[row + member]) & ACTION
 
 
 def train_q_learning(model, rule, tables, course):
@@ -191,7 +206,7 @@ def learn_fast(model, rule, tables, beside, members, learnt_model, course):
                     action = np.uint64(greedy[row]) & ACTION
             else:
                 bits, counter = splitmix64(counter), counter + STRIDE
-                action = acting_on(members, table, acting, state, bits)
+                action = acting_on(members, table, acting, row, state, bits)
                 if far:  # of these rows the next update reads this pair alone, as a rule
                     for kept in (SOBER, VISITS):
                         prefetch(members.pairs, (row + kept) * np.uint64(q.shape[1]) + action)
@@ -236,13 +251,15 @@ def learn_fast(model, rule, tables, beside, members, learnt_model, course):
                 sober_change = Change(action, cautious, target, bits)
                 update(of_q, learnt.row_max, learnt.row_argmax, row, sober_change)
             if members is not None:
-                informed = optimistic = sober = q.dtype.type(reward)
+                floor = q.dtype.type(lost_after(members.floor, reward, terminated))
+                informed = optimistic = q.dtype.type(reward)
+                sober = informed - floor
                 if not terminated:
                     most = q.dtype.type(members.highest)
                     after, other = best[next_row + INFORMED], best[next_row + OPTIMIST]
                     informed += discount * (after if after < most else most)
                     optimistic += discount * (other if other < most else most)
-                    sober += discount * best[next_row + SOBER]
+                    sober += discount * (best[next_row + SOBER] + floor)
                 targets = informed, optimistic, sober
                 changes = MembersChange(action, bits, next_state, reward, *targets, acting < SOBER)
             ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)

@@ -1,6 +1,7 @@
 """Training one task over many seeds: :func:`learn`."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -17,6 +18,7 @@ from curricle.learning.learners import (
     value_bounds,
 )
 from curricle.learning.portfolio import PORTFOLIO_TABLES
+from curricle.learning.potential import MOST_SHARED
 from curricle.learning.record import Record
 from curricle.learning.result import LearningResult, Outcome, learning_result
 from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
@@ -138,8 +140,11 @@ def learn(
     several = any(seed.shaping is not None and seed.shaping.portfolio for seed in settings)
     horizon = bounds = None
     if several:
+        few = generative.states.size * generative.actions.size <= MOST_SHARED
         horizon = horizon_of("a portfolio", task)
-        bounds = value_bounds(task) if has_tables(task) else None
+        bounds = value_bounds(task) if few and has_tables(task) else None
+        if storage.kind == "auto" and not few:
+            storage = replace(storage, kind="sparse")
     elif isinstance(learner, OptimisticQLearning) and learner.learning_rate is None:
         horizon = horizon_of("OptimisticQLearning without learning_rate", task)
     rows = rows_allowed(

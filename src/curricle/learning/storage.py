@@ -36,7 +36,8 @@ class Storage:
     ----------
     kind : {"auto", "dense", "sparse"}
         A row for every state, or for those visited, filled from the potential at the first visit.
-        "auto" is dense where that fits the memory limit. Only Q-learning without shaping, or with
+        "auto" is dense where that fits the memory limit, and sparse for a :class:`Portfolio` of
+        more than 10 million pairs. Only Q-learning without shaping, or with
         :class:`QInitialisation` or :class:`LookAheadAdvice`, can be sparse.
     dtype : {"float64", "float32"}
         Precision of the values, and of the computations of plain Q-learning.
@@ -99,7 +100,7 @@ class Storage:
 def rows_allowed(
     storage: Storage, task: GenerativeModel, *, tables: int, counts: int, seeds: int, steps: int
 ) -> int:
-    """Return the rows a sparse table may have, or 0 if tables are dense.
+    """Return the states a sparse table may have rows for, or 0 if tables are dense.
 
     `seeds` seeds at a time hold `tables` of values and `counts` of updates, up to `steps` steps.
     SettingError when dense tables that were asked for exceed the memory limit.
@@ -114,9 +115,9 @@ def rows_allowed(
                 f"{storage.dtype} take {needed / 1e9:.3g} GB; see also dtype, save_values and kind"
             )
         return 0
-    fitting = storage.rows_within(storage.limit // seeds, n_actions, counts)
+    fitting = storage.rows_within(storage.limit // seeds // tables, n_actions, counts)
     # A step visits one state, and another when it starts an episode.
-    return max(1, min(fitting, n_states, 2 * steps + 1, 2**31 - 2))
+    return max(1, min(fitting, n_states, 2 * steps + 1, (2**31 - 2) // tables))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,24 +172,27 @@ class DenseTable(NamedTuple):
 
 
 class SparseTable(NamedTuple):
-    """Rows for the states visited so far, by hashing; R at most. Row 0 has no state."""
+    """n rows for each state visited so far, by hashing; R at most. The first n have no state."""
 
     q: FloatTable  # (R, A)
     row_max: FloatTable  # (R,)
     row_argmax: npt.NDArray[np.uint16]  # (R,)
     phi: FloatArray  # (A,) work space: a row of the potential
     row: FloatTable  # (1, A) work space: a row of the table
-    states: npt.NDArray[np.uint64]  # (R,) the state of each row
-    slots: npt.NDArray[np.int32]  # (2^h,) a row, or 0 where empty; open addressing
-    used: IntArray  # (1,) rows in use, row 0 among them
+    states: npt.NDArray[np.uint64]  # (R,) the state of each first row
+    slots: npt.NDArray[np.int32]  # (2^h,) a state's first row, or 0 where empty; open addressing
+    used: IntArray  # (1,) rows in use, the first n among them
     lookup: ValueLookup
+    starts: FloatArray  # (n, 3) what is added to phi in each row, and what it is then cut to
     available: Any  # which actions can be taken, as a generative model has them; None for all
     key: np.uint64  # breaks the ties of new rows
+    n_states: np.uint64
+    n: StaticInt
     width: StaticInt  # A where loops along a row are to be unrolled, else 0
     far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
 
 
-# Row 0 alone exists before a sparse table learns.
+# Rows of no state alone exist before a sparse table learns.
 @overloaded(otherwise=lambda table: None)
 def find_row_maxima(table):
     """Fill in the maxima of the rows that exist before learning."""
@@ -196,7 +200,7 @@ def find_row_maxima(table):
 
 @overloaded()
 def row_of(table, state, terminated):
-    """Return the row of a state, added if need be; R where the table is full; any after an end."""
+    """Return a state's first row, added if need be; R where the table is full; any after an end."""
 
 
 @overloaded(otherwise=lambda table, row: False)
@@ -290,19 +294,25 @@ def find(table, state):
 
 @njit(nogil=True)
 def add_row(table, state, slot):
-    """Add the row of a state, filled from the potential, and return it; R where it is full."""
-    row = np.uint64(table.used[0])
-    if row < table.q.shape[0]:
+    """Add the rows of a state, filled from phi, and return the first; R where the table is full."""
+    first, n = np.uint64(table.used[0]), np.uint64(len(table.n))
+    if first < table.q.shape[0]:
         read_row(table.lookup, state, table.phi)
-        for action in range(table.q.shape[1]):
-            table.q[row, action] = table.phi[action]
-        close_row(table.available, state, table.q, row)
-        bits = tie_bits(table.key, state)
-        table.row_max[row], table.row_argmax[row] = best_of(table.q, row, bits)
-        table.states[row] = state
-        table.slots[slot] = np.int32(row)
-        table.used[0] += 1
-    return row
+        for k in range(n):
+            added, lowest, highest = table.starts[k]
+            for action in range(table.q.shape[1]):
+                start = table.phi[action] + added
+                start = start if start <= highest else highest  # NaN, unknown, too
+                table.q[first + k, action] = start if start >= lowest else lowest
+            if n == 1 or k + 1 < n:  # the last of several counts visits
+                close_row(table.available, state, table.q, first + k)
+            bits = tie_bits(table.key, k * table.n_states + state)  # as for dense tables
+            best = best_of(table.q, first + k, bits)
+            table.row_max[first + k], table.row_argmax[first + k] = best
+        table.states[first] = state
+        table.slots[slot] = np.int32(first)
+        table.used[0] += len(table.n)
+    return first
 
 
 @row_of.body(SparseTable)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.arrays import FloatTable, IntArray, frozen
+from curricle.arrays import FloatArray, FloatTable, IntArray, frozen
 from curricle.errors import SettingError
 from curricle.learning.general_loop import Acting, Course, GeneralTables, train
 from curricle.learning.learners import (
@@ -22,11 +22,12 @@ from curricle.learning.learners import (
 )
 from curricle.learning.model_based import LearntModel
 from curricle.learning.portfolio import (
+    OPTIMIST,
     SOBER,
+    Floor,
     Members,
     Portfolio,
     Tally,
-    bounds_by,
     longest_turn,
     source_is_ahead,
 )
@@ -45,14 +46,15 @@ from curricle.learning.storage import (
     Storage,
     reorder,
 )
-from curricle.learning.value_lookup import no_sources
+from curricle.learning.value_lookup import ValueLookup, no_sources, read_rows
 from curricle.planning.policy_evaluation import EvaluationKernel, steps_of
 from curricle.tasks.kernel import address_of, compiled, splitmix64
 from curricle.tasks.live import masks_actions, open_model
-from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, available_actions
+from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, available_actions, closed
 from curricle.tasks.models import has_users_code
 
 NEAR = 32_768  # bytes of a table that stays in the processor's nearest cache
+AS_PHI = np.array([[0.0, -np.inf, np.inf]])  # the start of a table's only row of a state
 UNROLLED = 64  # actions up to which a loop is compiled for their number: an eighth faster
 
 
@@ -280,7 +282,7 @@ def train_model(run: Run, seed: Seed) -> Outcome:
     q, phi, bounds = run.filled(None, seed.out), seed.initial, learner.value_range
     acting = np.full_like(q, bounds[1])
     if phi is not None:
-        acting[...] = Portfolio().informed(phi.known, bounds)
+        acting[...] = Portfolio().informed(phi, bounds)
     tables = run.dense(seed, run.closed(acting)), run.dense(seed, q)
     model = LearntModel.empty(tables, learner, run.task.discount, run.longest)
     totals = run.loop(train_q_learning, seed, (*tables, None, None, model), tables[1], acting[None])
@@ -290,43 +292,61 @@ def train_model(run: Run, seed: Seed) -> Outcome:
 
 def train_sparse(run: Run, seed: Seed) -> Outcome:
     """Train on a row for every state that is visited."""
-    table = empty_sparse_table(run, seed)
+    lookup = no_sources(run.shape[1]) if seed.initial is None else seed.initial.kernel()
+    initial = float(run.learner.initial_value)
+    table = empty_sparse_table(run, seed, lookup._replace(initial=initial))
     tables = table, table, None, None, None
     totals = run.loop(train_q_learning, seed, tables, table, table.q[None])
+    return sparse_outcome(run, seed, totals, table)
+
+
+def sparse_outcome(
+    run: Run, seed: Seed, totals: Totals, table: SparseTable, phi: ValueLookup | None = None
+) -> Outcome:
+    """Return the outcome of a seed with a table's rows of the states visited, or with phi's."""
     (steps, episodes), (most_steps, most_episodes) = totals, run.limits
     ended_early = steps < most_steps - seed.settings.charged and episodes < most_episodes
     values = None
     if run.storage.save_values:  # of the states that have a row, in their order
-        used = slice(1, int(table.used[0]))
+        n = len(table.starts)  # the rows of a state
+        used = slice(n, int(table.used[0]), n)
         order = np.argsort(table.states[used])
-        states, q = table.states[used][order].astype(np.int64), table.q[used]
+        states, q = table.states[used][order].astype(np.int64), np.ascontiguousarray(table.q[used])
         reorder(q, order)
+        if phi is not None:
+            rows = np.empty(q.shape)
+            read_rows(phi, states, rows)
+            q[...] = closed(rows, available_actions(run.task, states))
         values = SparseValues(frozen(states), frozen(q))
     full = bool(ended_early and not seed.record.stopped[0])
     return run.outcome(seed, values, totals, out_of_memory=full)
 
 
-def empty_sparse_table(run: Run, seed: Seed) -> SparseTable:
+def empty_sparse_table(
+    run: Run, seed: Seed, lookup: ValueLookup, starts: FloatArray = AS_PHI
+) -> SparseTable:
     """Return a sparse table that reads the rows of new states from a potential."""
     # Pages of np.empty and np.zeros take no memory before they are written to.
-    n_actions, rows, dtype = run.task.actions.size, run.rows + 1, run.storage.dtype
-    lookup = None if seed.initial is None else seed.initial.kernel
-    lookup = no_sources(n_actions) if lookup is None else lookup
+    n, states, dtype = len(starts), run.rows + 1, run.storage.dtype
+    n_states, n_actions = run.shape
     # These are read together, so they lie together: a cache miss takes as long as all the rest.
     fields = [("state", "u8"), ("best", dtype), ("greedy", "u2")]
-    heads = np.empty(rows, np.dtype(fields, align=True))
+    heads = np.empty(n * states, np.dtype(fields, align=True))
     return SparseTable(
-        np.empty((rows, n_actions), dtype),
+        np.empty((n * states, n_actions), dtype),
         heads["best"],
         heads["greedy"],
         np.empty(n_actions),
         np.empty((1, n_actions), dtype),
         heads["state"],
-        np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
-        np.ones(1, np.int64),
-        lookup._replace(initial=float(run.learner.initial_value)),
+        np.zeros(2 ** (3 * states // 2).bit_length(), np.int32),
+        np.full(1, n, np.int64),
+        lookup,
+        starts,
         getattr(run.task.model, "available", None),
         np.uint64(splitmix64(seed.start)),
+        np.uint64(n_states),
+        (None,) * n,
         run.width,
         (None,),
     )
@@ -335,55 +355,60 @@ def empty_sparse_table(run: Run, seed: Seed) -> SparseTable:
 def check_sparse(run: Run, settings: Sequence[SeedSettings]) -> None:
     """Raise SettingError unless sparse tables can be trained with every seed's shaping."""
     for shaping in (seed.shaping for seed in settings):
-        if not run.plain(shaping) or run.learner.asks_task:
-            entering = "no shaping" if shaping is None else shaping.name
+        several = shaping is not None and shaping.portfolio is not None
+        if not (run.plain(shaping) or several) or run.learner.asks_task:
             raise SettingError(
-                "sparse tables are for QLearning with QInitialisation or LookAheadAdvice, "
-                f"without a portfolio: got {type(run.learner).__name__} with {entering}"
-                f"{' and a portfolio' if shaping is not None and shaping.portfolio else ''}"
-            )
-        potential = None if shaping is None else shaping.potential
-        if potential is not None and potential.kernel is None:
-            raise SettingError(
-                "a sparse table is made from a potential that is read through mappings by name "
-                f"(project): got {type(potential).__name__}, which is an array"
+                "sparse tables are for QLearning with QInitialisation or LookAheadAdvice: got "
+                f"{type(run.learner).__name__} with {shaping.name if shaping else 'no shaping'}"
             )
 
 
 def train_portfolio(run: Run, seed: Seed) -> Outcome:
     """Train a portfolio: rows of the optimists, the sober learner and visits lie side by side."""
-    shaping = seed.settings.shaping
-    assert shaping is not None
-    assert shaping.portfolio is not None
-    portfolio, phi = shaping.portfolio, shaping.potential.known
+    shaping: Any = seed.settings.shaping
+    portfolio, phi = shaping.portfolio, shaping.potential
     stated = portfolio.value_range or run.bounds
-    lowest, highest = bounds = stated or bounds_by(phi)
-    n_states, n_actions = run.shape
-    rows = np.zeros((4 * n_states + 3, n_actions), run.storage.dtype)
-    q = rows[: 4 * n_states]
-    blocks = q.reshape(n_states, 4, n_actions)
-    for member, start in enumerate((portfolio.informed(phi, bounds), highest, lowest)):
-        blocks[:, member] = start
-        run.closed(blocks[:, member])
-    source = run.dense(seed, run.filled(shaping.potential, initial=0.0))
-    table = run.dense(seed, q, (None,) * 4)
+    starts, (n_states, n_actions), first = portfolio.starts(phi, stated), run.shape, int(SOBER)
+    lowest, highest = starts[[SOBER, OPTIMIST], 1]
+    table: Any
+    if run.rows:
+        table = empty_sparse_table(run, seed, phi.kernel(gaps=True), starts)
+        rows = q = table.q
+        sober = table._replace(lookup=no_sources(n_actions, lowest))
+        # No state has a row of its own: phi is read where it is asked for.
+        source = table._replace(lookup=phi.kernel(), slots=np.zeros(1, np.int32), n=(None,))
+    else:
+        rows = np.zeros((4 * n_states + 3, n_actions), run.storage.dtype)
+        q = rows[: 4 * n_states]
+        for member, start in enumerate((portfolio.informed(phi, stated), highest, lowest)):
+            q[member::4] = start
+            run.closed(q[member::4])
+        sober = table = run.dense(seed, q, (None,) * 4)
+        source = run.dense(seed, run.filled(phi, initial=0.0))
     # The sober rows are every fourth from theirs on: a table of a type for which evaluation is
     # compiled already.
-    first = int(SOBER)
     row_max, row_argmax = table.row_max[first:], table.row_argmax[first:]
-    sober = table._replace(q=rows[first : first + 4 * n_states], n=(None,), far=source.far)
+    sober = sober._replace(q=rows[first : first + len(q)], n=(None,), far=source.far)
     sober = sober._replace(row_max=row_max, row_argmax=row_argmax)
-    ceiling = highest if stated else np.inf
-    assert run.horizon is not None
-    tally, visits = Tally.empty(), Visits.none(q.view(f"u{q.itemsize}"), run.horizon)
-    memory = q.reshape(-1), visits
-    members = Members(portfolio.shares, tally, ceiling, *memory, sober, source)
+    ceiling, lost = highest if stated else np.inf, np.zeros(1)
+    horizon, tally = run.horizon or 0.0, Tally.empty()
+    floor = None if stated else Floor(np.zeros(2), lost, horizon)
+    memory = q.reshape(-1), Visits.none(q.view(f"u{q.itemsize}"), horizon)
+    members = Members(portfolio.shares, tally, ceiling, floor, *memory, sober, source)
     tables = table, sober, None, members, None
     totals = run.loop(train_q_learning, seed, tables, sober, q[None])
+    ahead = source_is_ahead(tally)
+    if lost[0] < 0.0:
+        sober.q[: int(table.used[0]) if run.rows else len(q) : 4] += lost
+        for k, values in zip(seed.record.snapshot_at, seed.record.snapshots, strict=True):
+            values += lost * (seed.record.source_share[k] == 0.0)
+    if run.rows:
+        return sparse_outcome(run, seed, totals, sober, source.lookup if ahead else None)
     if seed.out is not None:
-        sober_values = blocks[:, first]
-        seed.out[...] = source.q if source_is_ahead(tally) else sober_values
-        seed.out[run.only_ends(seed.record, sober_values[None], None, lowest)] = 0.0
+        sober_values = q[first::4]
+        seed.out[...] = source.q if ahead else sober_values
+        run.closed(seed.out)
+        seed.out[run.only_ends(seed.record, sober_values[None], None, lowest + lost[0])] = 0.0
     return run.outcome(seed, seed.out, totals)
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from curricle.arrays import FloatArray, IntArray, frozen
 from curricle.tasks.kernel import compiled_once, inlined, inverse_of, quotient
-from curricle.tasks.spaces import MISSING, Space
+from curricle.tasks.spaces import MISSING, Component, Space
 
 # Aggregates: how the sources' potentials become one.
 MINIMUM, MAXIMUM, MEAN, TOTAL = range(4)
@@ -124,6 +124,14 @@ def no_sources(n_actions: int, initial: float = 0.0) -> ValueLookup:
     sizes = frozen(np.zeros(0, np.uint64))
     affine = 0.0, 1.0, 0.0, float(initial)
     return ValueLookup(empty, none, none, sizes, sizes, pairs, none, actions, MEAN, False, *affine)
+
+
+def array_lookup(values: FloatArray, *, partial: bool) -> ValueLookup:
+    """Return the lookup of phi as an array, (S, A), NaN in parts if nothing is known there."""
+    n_states, n_actions = values.shape
+    table = SourceTable(values, [np.arange(n_states)], np.arange(n_actions))
+    states = Space([Component("state", n_states)])
+    return value_lookup(states, [table], MINIMUM, np.nan)._replace(partial=partial)
 
 
 @inlined
