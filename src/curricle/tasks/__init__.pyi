@@ -27,6 +27,7 @@ from .kernel import (
 )
 from .live import LiveMDP as LiveMDP
 from .mdp import FiniteMDP as FiniteMDP, Task as Task
+from .model_files import read_model as read_model
 from .models import ComputedMDP as ComputedMDP
 from .observation_task import ObservationTask as ObservationTask
 from .pursuit import Pursuit as Pursuit, pursuit_family as pursuit_family
