@@ -16,7 +16,7 @@ from scipy.optimize import linprog
 
 import curricle as cr
 from curricle.errors import SettingError
-from curricle.planning import solution as planning_module
+from curricle.planning import Target, solution as planning_module
 from tests.support.tasks import dense_of
 
 MAZE = """
@@ -172,7 +172,25 @@ def test_discount_1_refuses_a_policy_that_never_ends():
         cr.evaluate(maze, [3, 1, 0])
     assert cr.solve(maze).values.tolist() == [198.0, 199.0, 0.0]
     with pytest.raises(SettingError, match="for ever, and the way costs nothing"):
-        cr.solve(cr.GridWorld("S.T", rewards=cr.Rewards(step=0.0), discount=1.0))
+        cr.solve(cr.GridWorld("S.T", rewards=cr.Rewards(step=0.0), discount=1.0, time_limit=None))
+
+
+@pytest.mark.parametrize(
+    ("lake", "optimum"), [("FrozenLake-v1", 0.7442), ("FrozenLake8x8-v1", 0.9132)]
+)
+def test_at_discount_1_the_limit_bounds_what_nothing_else_does(lake, optimum):
+    """Each state of the table that counts the steps is a state and how many steps are left."""
+    task = cr.from_gymnasium(lake, discount=1.0)
+    solution, limit = cr.solve(task), task.mdp.time_limit
+    assert solution.steps == limit
+    assert solution.start_value == pytest.approx(optimum, abs=5e-5)
+    transition, reward = dense(task)
+    values = np.zeros(task.states.size)
+    for _ in range(limit):
+        values = np.where(task.mdp.terminal, 0.0, (reward + transition @ values).max(axis=1))
+    np.testing.assert_allclose(solution.values, values, atol=solution.error_bound)
+    assert Target.of(task).optimum == solution.start_value
+    assert cr.solve(cr.from_gymnasium(lake, discount=0.99)).steps is None
 
 
 def test_a_tolerance_out_of_reach_is_refused_and_the_one_that_is_named_is_within(random_mdp):

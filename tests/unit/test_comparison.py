@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import Curriculum, Episodes, FiniteMDP, GreedyEvaluation, GridWorld
+from curricle import Curriculum, Episodes, FiniteMDP, GreedyEvaluation
 from curricle.comparison import Comparison, Reference
 from curricle.comparison.measures import MEASURES
 from curricle.comparison.sentences import (
@@ -384,7 +384,6 @@ def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch
         FiniteMDP.from_outcomes(
             [[[(1.0, 1, 5.0)]], [[]]], terminal=[False, True], start=0, discount=0.9
         ),
-        GridWorld("S..T", rewards=cr.Rewards(step=0.0), discount=1.0, time_limit=20),
         # 1 now or 5 later: at this discount 1 now is optimal, and half of the 6 is more.
         FiniteMDP.from_outcomes(
             [[[(1.0, 2, 1.0)], [(1.0, 1, 0.0)]], [[(1.0, 2, 5.0)]] * 2, [[], []]],
@@ -394,7 +393,7 @@ def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch
             time_limit=20,
         ),
     ],
-    ids=["nothing to choose", "free rounds at discount 1", "too impatient"],
+    ids=["nothing to choose", "too impatient"],
 )
 def test_without_a_usable_optimum_the_threshold_is_the_midpoint_of_scratch(task):
     summed = GreedyEvaluation(discounted=False)

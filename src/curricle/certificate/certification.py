@@ -23,7 +23,7 @@ from curricle.checks import number, one_of
 from curricle.errors import CurricleError, SettingError
 from curricle.learning.potential import StatePotential
 from curricle.learning.shaping import Shaping
-from curricle.planning.solution import EPSILON, Solution, solve
+from curricle.planning.solution import EPSILON, Solution, solve_without_limit
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.graph import improper_states
 from curricle.tasks.mdp import FiniteMDP, Task, closed, generative_model, has_tables, tables
@@ -373,7 +373,9 @@ class ActionComparison:
         first = np.take_along_axis(row[states], chosen.argmax(axis=1)[:, None], axis=1)
         row[states] = np.where(chosen, row[states], first)
         try:
-            worst = solve(replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward)))
+            worst = solve_without_limit(
+                replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward))
+            )
         except CurricleError:  # at discount 1 the worst policy may pay for ever
             return np.inf
         lost = (self.unshaped.values + worst.values)[states].max(initial=0.0)
@@ -459,7 +461,7 @@ def longest_episode(mdp: FiniteMDP) -> float:
     """Return an upper bound on the expected (discounted) steps of an episode."""
     if mdp.discount < 1:
         return 1 / (1 - mdp.discount)
-    steps = solve(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
+    steps = solve_without_limit(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
     return float(steps.values.max()) + steps.error_bound
 
 

@@ -18,7 +18,7 @@ from curricle.checks import number, one_of
 from curricle.errors import PotentialError, SettingError, in_words
 from curricle.learning.potential import LARGEST_POTENTIAL, PairPotential, StatePotential
 from curricle.learning.shaping import Shaping
-from curricle.planning.solution import EPSILON, Solution, solve
+from curricle.planning.solution import EPSILON, Solution, solve_without_limit
 from curricle.tasks.graph import reachable_states
 from curricle.tasks.mdp import FiniteMDP, Task, generative_model, live_pairs, tables
 from curricle.tasks.spaces import action_name, state_name
@@ -214,7 +214,7 @@ class ShapedTask:
     @cached_property
     def unshaped(self) -> Solution:
         """The solution of the task without shaping; only if states are compared."""
-        return solve(self.task)
+        return solve_without_limit(self.task)
 
     @cached_property
     def ends(self) -> IntArray:
@@ -265,7 +265,7 @@ class ShapedTask:
 
     def with_rewards(self, f: FloatArray, off: FloatArray) -> ShapedValues:
         """Return Q* for rewards r + F, F (E,); by theory Q* - off, off (N,)."""
-        solution = solve(self.reachable.with_reward(f))
+        solution = solve_without_limit(self.reachable.with_reward(f))
         q = solution.finite_action_values[self.reachable.states]
         expected = self.unshaped.finite_action_values[self.reachable.states] - off[:, None]
         bound = ROUNDED * solution.error_bound
@@ -278,7 +278,7 @@ class ShapedTask:
         reachable, mdp, solution = self.reachable, self.reachable.mdp, self.unshaped
         if phi[reachable.ends].any():
             ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
-            solution = solve(
+            solution = solve_without_limit(
                 reachable.with_reward(reachable.reward(lambda s, a, after: ending[after]))
             )
         acted = (look_ahead_sweep(mdp, phi, solution.finite_action_values - phi) + phi)[

@@ -90,12 +90,20 @@ class Solution(PolicyValues):
 
     `values` are V*, `action_values` Q*, both within `error_bound` of the truth.
 
+    Attributes
+    ----------
+    steps : int or None
+        At discount 1, where the time limit alone bounds the values: the limit. `values` are then
+        the highest expected returns in so many steps, `action_values` in one more.
+
     Examples
     --------
     >>> from curricle import GridWorld
     >>> solve(GridWorld(["S.", ".T"])).optimal[0]  # east and south are as good
     array([False,  True,  True, False])
     """
+
+    steps: int | None = None
 
     __repr__ = brief_repr
 
@@ -126,6 +134,8 @@ def solve(task: Task, *, tolerance: float | None = None, progress: Progress = No
     without bound, the task is a stochastic shortest path problem (Bertsekas, Tsitsiklis 1991). Such
     a task, and a task that 300,000 sweeps do not solve, is solved by linear systems if it has at
     most 5,000 states. The time limit is ignored: it limits learning, and is not part of the task.
+    Only where nothing else bounds the values, at discount 1, they are those of episodes of so many
+    steps, by backward induction (:attr:`Solution.steps`).
 
     Parameters
     ----------
@@ -140,9 +150,9 @@ def solve(task: Task, *, tolerance: float | None = None, progress: Progress = No
     Raises
     ------
     SettingError
-        When at discount 1 some policy never ends and does not cost without bound, when the sweeps
-        would take many hours, when rounding alone exceeds `tolerance`, or when the values have no
-        finite bound in double precision.
+        When at discount 1, without a time limit, some policy never ends and does not cost without
+        bound, when the sweeps would take many hours, when rounding alone exceeds `tolerance`, or
+        when the values have no finite bound in double precision.
 
     Examples
     --------
@@ -151,6 +161,24 @@ def solve(task: Task, *, tolerance: float | None = None, progress: Progress = No
     >>> solution.values, solution.optimal[0]
     (array([ 98.5, 199. ,   0. ]), array([False,  True, False, False]))
     """
+    try:
+        return solve_without_limit(task, tolerance=tolerance, progress=progress)
+    except SettingError:
+        model = model_of(task)
+        if model.discount < 1 or not isinstance(model, TabularPlanningModel):
+            raise
+        if (steps := model.mdp.time_limit) is None or tolerance is not None:
+            raise
+    values = values_in(model, steps)
+    size = model.largest_reward + float(abs(values).max())
+    error = steps * _unit(model, None) * size
+    return Solution(frozen(values), model.start_value(values), error, model, steps)
+
+
+def solve_without_limit(
+    task: Task, *, tolerance: float | None = None, progress: Progress = None
+) -> Solution:
+    """Return what :func:`solve` does; SettingError where the time limit alone bounds the values."""
     with shown(progress) as bars:
         model = model_of(task)
         values, error = _iterate(model, None, tolerance, bars)
@@ -452,15 +480,15 @@ def backed_up(model: TabularPlanningModel, values: FloatArray) -> FloatArray:
     return np.where(model.terminal[:, None], 0.0, rows[mdp.outcome_row])
 
 
-def limited_optimum(mdp: FiniteMDP, steps: int) -> float:
-    """Return the highest expected return in so many steps, by backward induction."""
-    model, values = TabularPlanningModel.of(mdp), np.zeros(mdp.states.size)
+def values_in(model: TabularPlanningModel, steps: int) -> FloatArray:
+    """Return the highest expected returns in so many steps, (S,), by backward induction."""
+    mdp, values = model.mdp, np.zeros(model.mdp.states.size)
     for _ in range(steps):
         q, before = backed_up(model, values), values
         values = (q if mdp.available is None else np.where(mdp.available, q, -np.inf)).max(axis=1)
         if np.array_equal(values, before):
             break
-    return float(mdp.start @ values)
+    return values
 
 
 def best_policy(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, IntArray]:

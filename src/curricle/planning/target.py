@@ -9,13 +9,14 @@ import numpy as np
 
 from curricle.errors import SettingError
 from curricle.planning.greedy import Values, VisitedValues
+from curricle.planning.models import TabularPlanningModel
 from curricle.planning.policy_evaluation import (
     LARGEST_EXACT,
     NEGLIGIBLE,
     GreedyEvaluation,
     greedy_policy_return,
 )
-from curricle.planning.solution import Solution, limited_optimum, solve
+from curricle.planning.solution import Solution, solve, values_in
 from curricle.statistics.curves import ROUNDING, fraction_of_optimum
 from curricle.tasks.mdp import NO_LIMIT, Task, closed, generative_model, has_tables, tables
 from curricle.tasks.observation_task import is_observation_task
@@ -49,8 +50,8 @@ class Target:
     task : Task
     evaluation : GreedyEvaluation
     solution : Solution or None
-        None where the target is too large to solve, or where at discount 1 only the time limit
-        ends some policy's episodes.
+        None where the target is too large to solve, or at discount 1, without a time limit, has no
+        optimum that could be bounded.
 
     Examples
     --------
@@ -81,7 +82,7 @@ class Target:
                 solution = solve(task)
             except SettingError:
                 if generative.discount < 1:
-                    raise  # at discount 1 not every policy ends
+                    raise  # at discount 1 some policy never ends
             outcomes = pairs * mdp.probability.shape[1]
             few = outcomes <= LARGEST_EXACT  # without a limit or discount the horizon is endless
             if few or outcomes * settings.horizon(task) <= LARGEST_EVALUATED:
@@ -99,7 +100,8 @@ class Target:
             return float("nan")
         model = generative_model(self.task)
         if self.optimum_bounds and model.time_limit is not None:
-            return limited_optimum(tables(self.task), model.time_limit)
+            mdp = tables(self.task)
+            return float(mdp.start @ values_in(TabularPlanningModel.of(mdp), model.time_limit))
         best = Values(self.solution.action_values)
         return greedy_policy_return(self.task, best, self.evaluation).value
 
