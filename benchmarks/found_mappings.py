@@ -59,7 +59,7 @@ def gains(
         warnings.simplefilter("ignore")
         found = cr.compare(arms, seeds=seeds, opponents=())
     for arm in arms:
-        gain = found.arms[arm].strong_gain(found.scratch)
+        gain = found.returns[arm] - found.returns[SCRATCH]
         error = gain.std(ddof=1) / np.sqrt(seeds)
         print(f"    {arm}: gain {gain.mean():.4g} +- {error:.2g}", flush=True)
 
@@ -227,7 +227,8 @@ def played(pair: Pair, seeds: int) -> Row:
         found = cr.compare(arms, seeds=seeds, opponents=())
     random_return, optimum = levels(pair.target)
     gains = {
-        arm: found.arms[arm].strong_gain(found.scratch) / (optimum - random_return) for arm in arms
+        arm: (found.returns[arm] - found.returns[SCRATCH]) / (optimum - random_return)
+        for arm in arms
     }
     free = 0.0
     if how:

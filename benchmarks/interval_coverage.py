@@ -154,10 +154,10 @@ def learnt(task):
         shaping=cr.QInitialisation(),
     )
     found = cr.compare(plan, seeds=many, opponents=())
-    scratch, arm = found.scratch, found["transfer"]
+    scratch = found.scratch
     values = scratch.curve.filled()
     return {
-        "gain": arm.strong_gain(scratch),
+        "gain": found.returns["transfer"] - found.returns["scratch"],
         "steps saved": found.times("scratch").steps - found.times("transfer").steps,
         "mean return": statistics.mean_return(scratch.curve),
         "point": values[:, values.std(axis=0).argmax()],

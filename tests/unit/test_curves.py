@@ -11,7 +11,6 @@ from curricle.statistics import (
     asymptotic_performance,
     jumpstart,
     mean_return,
-    steps_saved,
     time_to_threshold,
 )
 from curricle.statistics.curves import Times, charge_source, fraction_of_optimum, midpoint, smooth
@@ -68,10 +67,8 @@ def test_time_is_the_first_checkpoint_at_or_above_the_threshold():
     assert smooth(made.values, 10).min() == 0.1
 
 
-def test_steps_saved_and_the_jumpstart_are_paired_by_seed():
+def test_the_jumpstart_is_paired_by_seed():
     assert jumpstart(SCRATCH, HELPED).tolist() == [2, 2]
-    assert steps_saved(SCRATCH, HELPED, 2.0).tolist() == [200, 400]
-    assert steps_saved(SCRATCH, HELPED, 99.0).tolist() == [0, 0]
 
 
 def test_charge_source_by_hand():
@@ -115,7 +112,7 @@ def test_measures_refuse_wrong_values():
 
 @pytest.mark.parametrize(
     "measure",
-    [jumpstart, charge_source, lambda baseline, transfer: steps_saved(baseline, transfer, 1.0)],
+    [jumpstart, charge_source],
 )
 def test_curves_must_pair(measure):
     with pytest.raises(SettingError, match="same seeds, row by row: got 2 and 1 seeds"):

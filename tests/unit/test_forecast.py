@@ -301,7 +301,7 @@ def test_a_source_that_pays_is_said_to_pay_and_by_how_much():
     numbers = foreseen.trial.numbers("mean")
     pattern = (
         r"expected steps to the threshold 146: .+ with sources \(their 1,000 steps included\), "
-        r".+ from scratch; saves .+; gain in mean return .+"
+        r".+ from scratch; share of steps saved .+; gain in mean return .+"
     )
     assert re.fullmatch(pattern, numbers)
     assert "assumes" in foreseen.basis
@@ -337,8 +337,8 @@ def test_seeds_that_never_reach_the_threshold_are_counted():
     )
     assert trial.numbers("a") == (
         "expected steps to the threshold 9: 200 with sources (their 100 steps included), at least "
-        "367 [0, 500] (1 of 3 seeds never) from scratch; saves at least 167 [-213, 546]; gain in "
-        "mean return 3.3 [-4.55, 11.2]"
+        "367 [0, 500] (1 of 3 seeds never) from scratch; share of steps saved at least 0.45 "
+        "[-0.54, 1.00]; gain in mean return 3.3 [-4.55, 11.2]"
     )
     assert trial.verdict("a") == "whether it pays is open"
     swapped = Trial(
@@ -347,9 +347,12 @@ def test_seeds_that_never_reach_the_threshold_are_counted():
         ),
         "",
     )
-    assert "; takes 200 more; " in swapped.numbers("a")
+    assert "; share of steps saved -1.0; " in swapped.numbers("a")
     alone = Trial(Comparison("t", {"scratch": nobody, "a": late}, 400, 500, Reference(9.0), 1), "")
-    assert ", never within 500 steps from scratch; saves at least 200; " in alone.numbers("a")
+    assert (
+        ", never within 500 steps from scratch; share of steps saved at least 0.6; "
+        in alone.numbers("a")
+    )
 
 
 def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():

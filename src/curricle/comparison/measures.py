@@ -8,7 +8,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -21,7 +21,6 @@ from curricle.comparison.verdicts import (
     Verdict,
     difference,
     earlier_looks,
-    seeds_to_show,
     steps_saved_share,
     verdicts_of,
 )
@@ -41,7 +40,6 @@ from curricle.statistics.curves import (
     jumpstart,
     mean_return,
     midpoint,
-    steps_saved,
     time_to_threshold,
 )
 from curricle.statistics.hypothesis_tests import probability_of_improvement
@@ -166,8 +164,9 @@ class Arm:
     --------
     >>> flat, steps = np.zeros((2, 3)), np.array([0, 10, 20])
     >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])))
-    >>> arm.strong_gain(Arm(Curve(steps, flat)))
-    array([3., 3.])
+    >>> arm.charged(Arm(Curve(steps, flat))).values
+    array([[0., 4., 4.],
+           [0., 4., 4.]])
     """
 
     curve: Curve
@@ -220,13 +219,6 @@ class Arm:
         """Return the curve over total steps, source steps included (``charge_source``)."""
         return charge_source(scratch.curve, self.curve)
 
-    def strong_gain(self, scratch: "Arm") -> FloatArray:
-        """Return the area under the charged curve minus that of scratch, (K,), in return.
-
-        Both are normalised (:func:`mean_return`); a difference within their rounding is 0.
-        """
-        return difference(mean_return(self.charged(scratch)), mean_return(scratch.curve))
-
 
 NAN = float("nan")
 UNKNOWN = Interval(NAN, NAN, NAN, 0.95, 0)
@@ -245,7 +237,7 @@ class Contrast:
     ----------
     jumpstart : Interval
         Gain at the first target step (weak).
-    weak_steps_saved, strong_steps_saved : Interval
+    weak_steps_saved : Interval
         Steps to the threshold saved; a seed that never reaches it counts with the whole budget.
     share_of_steps_saved : Interval
         As a share of those of the opponent that takes the fewest (strong).
@@ -265,7 +257,6 @@ class Contrast:
 
     jumpstart: Interval
     weak_steps_saved: Interval
-    strong_steps_saved: Interval
     share_of_steps_saved: Interval
     weak_gain: Interval
     strong_gain: Interval
@@ -504,20 +495,6 @@ class MeasuredArms:
             for name, pays in self.verdicts.items()
         }
 
-    def seeds_to_show(self, name: str, questions: int = 1) -> tuple[float, int]:
-        """Return a gain, and the seeds with which 80 % of studies of this spread show it.
-
-        The gain is an arm's own, or, where the arm gains nothing, half a standard deviation of its
-        best opponent's runs; `questions` is the number of curricula. NaN, 0 without a spread.
-        """
-        rivals = [self.returns[rival] for rival in self.opponents(name)]
-        apart = np.stack([difference(self.returns[name], rival) for rival in rivals])
-        own = float(apart.mean(axis=1).min())
-        gain = own if own > 0 else 0.5 * float(self.returns[self.best_opponent(name)].std(ddof=1))
-        if self.seeds == 1 or not gain > 0:
-            return NAN, 0
-        return gain, seeds_to_show(apart - own + gain, questions)
-
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never reach it are censored."""
         if (name, strong) not in self._times:
@@ -573,25 +550,21 @@ class MeasuredArms:
 
     def _contrast(self, name: str) -> Contrast:
         rival = self.best_opponent(name)
-        arm, scratch = self[name], self[rival]
         of_arm, of_rival = self.returns[name], self.returns[rival]
         verdict, reason = self.verdicts.get(name), self.reasons.get(name)
         alone = verdict or self._verdicts({name: self.opponents(name)})[name]
-        weak, base = self._weak(name), self._weak(rival)
-        strong, whole = arm.charged(self.scratch), scratch.curve
-        saved = partial(steps_saved, threshold=self._level, window=self.window)
+        ends = [asymptotic_performance(self[arm].charged(self.scratch)) for arm in (name, rival)]
         return Contrast(
-            jumpstart=mean_interval(jumpstart(base, weak)),
-            weak_steps_saved=mean_interval(saved(base, weak)),
-            strong_steps_saved=mean_interval(saved(whole, strong)),
+            jumpstart=mean_interval(jumpstart(self._weak(rival), self._weak(name))),
+            weak_steps_saved=mean_interval(
+                self.times(rival, strong=False).steps - self.times(name, strong=False).steps
+            ),
             share_of_steps_saved=steps_saved_share(
                 self.times(name), [self.times(opponent) for opponent in self.opponents(name)]
             ),
             weak_gain=self.weak_gain(name, rival),
-            strong_gain=alone.gain if alone.rivals > 1 else mean_interval(arm.strong_gain(scratch)),
-            asymptotic_gain=mean_interval(
-                difference(asymptotic_performance(strong), asymptotic_performance(whole))
-            ),
+            strong_gain=alone.gain,
+            asymptotic_gain=mean_interval(difference(*ends)),
             # Returns within rounding are equal, as in gains.
             probability_of_improvement=probability_of_improvement(
                 np.where(difference(of_arm, of_rival), of_arm, of_rival), of_rival

@@ -6,7 +6,7 @@ and returned as data (:meth:`Comparison.rows`); pages and figures put a minus si
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,14 @@ from curricle.comparison.measures import (
     UNKNOWN,
     MeasuredArms,
 )
-from curricle.comparison.verdicts import SIGNIFICANT, Verdict, not_known, steps_saved_share
+from curricle.comparison.verdicts import (
+    SIGNIFICANT,
+    Verdict,
+    difference,
+    not_known,
+    seeds_to_show,
+    steps_saved_share,
+)
 from curricle.learning.learners import OptimisticQLearning
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, clusters, interquartile_interval
@@ -627,34 +634,31 @@ def steps_and_gain(arms: MeasuredArms, name: str) -> str:
             f"the threshold {arms.threshold:.4g} is never reached within {arms.total:,} steps, "
             f"with {aid} or {by}; {gained}"
         )
-    # If only the slower side misses the threshold, the true difference in steps is larger.
-    saved = arms.contrasts[name].strong_steps_saved
-    slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
-    bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
-    if saved.estimate >= 0:
-        change = f"saves {bound}{in_brief(saved)}"
-    else:
-        n, low, high = (-float(value) for value in (saved.estimate, saved.high, saved.low))
-        more = in_brief(replace(saved, estimate=n, low=low, high=high))
-        change = f"takes {bound}{more} more"
     aid += f" (their {spent:,.0f} steps included)" * bool(spent)
     return (
         f"expected steps to the threshold {arms.threshold:.4g}: {_expected(arms, name)} with "
-        f"{aid}, {_expected(arms, best)} {by}; {change}; {gained}"
+        f"{aid}, {_expected(arms, best)} {by}; share of steps saved "
+        f"{share_saved(arms, name, best)}; {gained}"
     )
 
 
 def seeds_sentence(arms: MeasuredArms, name: str, questions: int, seeds: int) -> str:
     """Return a sentence on the seeds that a study like this trial needs, and those it has."""
-    if arms.nobody or name not in arms.contrasts:
+    if arms.nobody or name not in arms.contrasts or arms.seeds == 1:
         return ""
-    gain, enough = arms.seeds_to_show(name, questions)
-    own = float(arms.contrasts[name].strong_gain.estimate) > 0
-    what = f"gain of {gain:.3g}" + ", half a standard deviation of its opponent's runs," * (not own)
+    rivals = arms.opponents(name)
+    apart = np.stack([difference(arms.returns[name], arms.returns[rival]) for rival in rivals])
+    gain, half = float(apart.mean(axis=1).min()), ""
+    if gain <= 0:
+        half = ", half a standard deviation of its opponent's runs,"
+        deviation = float(arms.returns[arms.best_opponent(name)].std(ddof=1))
+        apart, gain = apart - gain + deviation / 2, deviation / 2
+    if not gain > 0:
+        return ""
     return (
-        f"about {counted(enough, 'seed')} show a {what} in 80 % of studies of this spread; this "
-        f"study has {seeds}"
-    ) * bool(enough)
+        f"about {counted(seeds_to_show(apart, questions), 'seed')} show a gain of {gain:.3g}{half} "
+        f"in 80 % of studies of this spread; this study has {seeds}"
+    )
 
 
 def _expected(arms: MeasuredArms, name: str) -> str:

@@ -5,7 +5,6 @@ from .curves import (
     jumpstart as jumpstart,
     mean_return as mean_return,
     midpoint as midpoint,
-    steps_saved as steps_saved,
     time_to_threshold as time_to_threshold,
 )
 from .hypothesis_tests import (

@@ -386,27 +386,3 @@ def time_to_threshold(curve: Curve, threshold: float, *, window: int = 1) -> Tim
     reached = np.asarray(above.any(axis=1))
     place = np.where(reached, above.argmax(axis=1), curve.steps.size - 1)
     return Times(curve.steps[place].astype(np.float64), reached)
-
-
-def steps_saved(
-    baseline: Curve, transfer: Curve, threshold: float, *, window: int = 1
-) -> FloatArray:
-    """Return the steps to threshold that transfer saves, (K,).
-
-    ``time_to_threshold(baseline) - time_to_threshold(transfer)``, with its arguments and errors;
-    SettingError also if the curves do not pair. Where only the baseline is censored the true saving
-    is at least this; where only transfer is, at most this. Where both are, it is 0.
-
-    Examples
-    --------
-    >>> steps = np.array([0, 100, 200])
-    >>> scratch = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
-    >>> helped = Curve(steps, np.array([[5.0, 5.0, 5.0]]))
-    >>> steps_saved(scratch, helped, 5.0)
-    array([200.])
-    """
-    require_pair(baseline, transfer)
-    without, with_transfer = (
-        time_to_threshold(curve, threshold, window=window).steps for curve in (baseline, transfer)
-    )
-    return without - with_transfer
