@@ -347,10 +347,10 @@ def test_seeds_that_never_reach_the_threshold_are_counted():
         ),
         "",
     )
-    assert "; share of steps saved -1.0; " in swapped.numbers("a")
+    assert "; share of steps saved -2.00; " in swapped.numbers("a")
     alone = Trial(Comparison("t", {"scratch": nobody, "a": late}, 400, 500, Reference(9.0), 1), "")
     assert (
-        ", never within 500 steps from scratch; share of steps saved at least 0.6; "
+        ", never within 500 steps from scratch; share of steps saved at least 0.400; "
         in alone.numbers("a")
     )
 

@@ -33,7 +33,14 @@ from curricle.study.store import (
     check_ours,
     holds_study,
 )
-from curricle.study.tuning import effects_of, tuned_before, tuning_words
+from curricle.study.tuning import (
+    EFFECT_HEADS,
+    effects_of,
+    effects_rows,
+    tuned_before,
+    tuning_rows,
+    tuning_words,
+)
 from curricle.study_file.vary import value_text
 from curricle.tasks.live import is_live
 from curricle.text import UNBOUNDED, counted, duration, text_table
@@ -103,8 +110,6 @@ def print_words() -> None:
 
 # -- What ``curricle show`` prints of a sweep or a tuning ------------------------------------------
 
-NONE = "–"
-
 
 def print_effects(results: StudyResults) -> None:
     """Print the best trial of each arm and the main effects, of a study that has finished seeds."""
@@ -115,35 +120,14 @@ def print_effects(results: StudyResults) -> None:
             f"tuned on {tuned.on_seeds}, {tuned.total:,} steps a trial and seed, "
             "sources included; these steps are shown here and not charged to the curves"
         )
-        best = list[tuple[str, ...]]()
-        for name, arm in tuned.arms.items():
-            settings = ", ".join(f"{key} = {_number(value)}" for key, value in arm.values.items())
-            number, steps = f"{arm.trials}", f"{tuned.steps(name):,}"
-            label = f"{name}: {settings or 'nothing to tune'}"
-            best.append((label, number, steps, _number(arm.score)))
-        print_table(("best trial", "of", "tuning steps", "mean return"), best)
+        heads, *best = tuning_rows(tuned)
+        print_table(heads, best)
     if effects:
         print()
         print_text(
             "main effects: mean return, sources charged, over all arms, 95 % intervals over seeds"
         )
-        rows = [
-            (f"{arm}: {key} = {text}", f"{n}", f"{mean:.4g}", _bounds(low, high))
-            for arm, key, text, n, mean, low, high in effects
-        ]
-        print_table(("", "arms", "mean return", ""), rows)
-
-
-def _bounds(low: float, high: float) -> str:
-    """Return an interval as text; empty where there is none, as of a single seed."""
-    return "" if np.isnan(low) else f"[{low:.4g}, {high:.4g}]"
-
-
-def _number(value: object) -> str:
-    """Return a value that was tried, numbers in four significant digits."""
-    if value is None:
-        return NONE
-    return f"{value:.4g}" if isinstance(value, float) else value_text(value)
+        print_table(EFFECT_HEADS, effects_rows(effects))
 
 
 # -- The tables and sentences of ``curricle show`` -------------------------------------------------

@@ -48,10 +48,9 @@ from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, shades_of
 from curricle.statistics.curves import SCRATCH
 from curricle.study.auditing import HEADS, Audit
-from curricle.study.record import Analysis, SectionRecord, StudyRecord, TunedRecord
+from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import StudyResults
-from curricle.study.tuning import Level, effects_of, short
-from curricle.study_file.vary import value_text
+from curricle.study.tuning import EFFECT_HEADS, effects_of, effects_rows, short, tuning_rows
 from curricle.text import counted, minus, rounded, visible
 
 # -- templates -------------------------------------------------------------------------------------
@@ -214,7 +213,8 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         "audited": audit
         and (audit.sentence, [*HEADS], {arm: audit.rows(arm) for arm in comparison.verdicts}),
         "swept": effects_rows(effects_of(study)),
-        "best": tuning_rows(study.record.tuned),
+        "effect_heads": EFFECT_HEADS,
+        "best": study.record.tuned and tuning_rows(study.record.tuned),
         "tuned": study.record.tuned,
         "sections": [part for part in analysis.sections if {*part.arms} <= curricula.arms.keys()],
         "replays": films,
@@ -497,37 +497,3 @@ def forest(answers: Sequence[sentences.Finding]) -> tuple[float, dict[str, list[
     percent = (100 * (ends - least) / width).tolist()
     arms = [finding.arm for finding in answers]
     return 100 * (0.0 - least) / width, dict(zip(arms, percent, strict=True))
-
-
-Texts = list[tuple[str, ...]]
-
-
-def effects_rows(effects: Sequence[Level]) -> Texts:
-    """Return the rows of the table of a sweep."""
-    rows: Texts = []
-    for name, key, text, number, *ends in effects:
-        mean, low, high = (minus(short(end)) for end in ends)
-        both = "" if np.isnan(ends[1]) else Markup("<small>[{}, {}]</small>").format(low, high)
-        with_ends = Markup("{}{}").format(mean, both)
-        rows.append((name, key, text, f"{number}", with_ends))
-    return rows
-
-
-def tuning_rows(tuned: TunedRecord | None) -> list[Sequence[str]]:
-    """Return the heads and the rows of the table of the best trials; none without a tuning."""
-    if tuned is None:
-        return []
-    keys = dict.fromkeys(key for arm in tuned.arms.values() for key in arm.values)
-    rows: list[Sequence[str]] = [("best of", "trials", "tuning steps", "mean return", *keys)]
-    for name, arm in tuned.arms.items():
-        spent = f"{arm.trials}", f"{tuned.steps(name):,}"
-        rows.append((name, *spent, *map(_value, (arm.score, *map(arm.values.get, keys)))))
-    return rows
-
-
-def _value(value: object) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, int) and not isinstance(value, bool):
-        return minus(f"{value:,}")
-    return minus(short(value)) if isinstance(value, float) else value_text(value)

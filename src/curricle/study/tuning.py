@@ -192,9 +192,38 @@ def effects_of(results: StudyResults) -> list[Level]:
     return levels
 
 
-def short(number: float) -> str:
-    """Return a number in three significant digits, or as a whole number."""
-    return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
+EFFECT_HEADS = ("arm", "setting", "value", "arms", "mean return", "")
+
+
+def effects_rows(effects: Sequence[Level]) -> list[tuple[str, ...]]:
+    """Return the rows of the table of a sweep; without an interval for a single seed."""
+    return [
+        (
+            *(effect.arm, effect.key, effect.text, f"{effect.number}", short(effect.mean)),
+            "" if np.isnan(effect.low) else f"[{short(effect.low)}, {short(effect.high)}]",
+        )
+        for effect in effects
+    ]
+
+
+def tuning_rows(tuned: TunedRecord) -> list[tuple[str, ...]]:
+    """Return the heads and the rows of the table of the best trials."""
+    keys = dict.fromkeys(key for arm in tuned.arms.values() for key in arm.values)
+    rows = [("best of", "trials", "tuning steps", "mean return", *keys)]
+    for name, arm in tuned.arms.items():
+        spent = f"{arm.trials}", f"{tuned.steps(name):,}"
+        rows.append((name, *spent, *map(short, (arm.score, *map(arm.values.get, keys)))))
+    return rows
+
+
+def short(value: object) -> str:
+    """Return a value that was tried: numbers in three significant digits, or as whole ones."""
+    if value is None:
+        return "–"
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        whole = isinstance(value, int) or abs(value) >= 1000
+        return f"{value:,.0f}" if whole else f"{value:.3g}"
+    return value_text(value)
 
 
 # -- the choice of an arm --------------------------------------------------------------------------
