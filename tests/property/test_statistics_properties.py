@@ -141,12 +141,7 @@ def test_holm_rejects_what_its_rule_says(p_values, alpha):
 @given(some_times())
 def test_waiting_longer_never_shortens_a_time(times):
     longer = Times(times.steps + 5.0 * ~times.reached, times.reached)
-    assert longer.median().estimate >= times.median().estimate
-    left = times.steps[~times.reached]
-    ends = [0.5, float(left.min(initial=12.0))]
-    if ends[1] > 0:
-        means = [times.restricted_mean(min(ends[1], end)).estimate for end in ends]
-        assert means[0] <= means[1] <= ends[1]
+    assert longer.restricted_mean().estimate >= times.restricted_mean().estimate
 
 
 @st.composite

@@ -77,10 +77,9 @@ def test_the_page_has_every_kind_that_covers_less_than_90_percent():
 
 @pytest.mark.parametrize("kind", interval_coverage.KINDS)
 def test_coverage_is_as_the_table_states(kind):
-    studies = 500 if kind.startswith("median") else STUDIES
     for seeds, stated in zip(SEEDS, COVERAGE[kind], strict=True):
-        rate = interval_coverage.coverage(kind, seeds, studies)
-        assert rate == pytest.approx(stated, abs=allowed(stated, studies)), seeds
+        rate = interval_coverage.coverage(kind, seeds, STUDIES)
+        assert rate == pytest.approx(stated, abs=allowed(stated, STUDIES)), seeds
 
 
 FAMILIES = interval_coverage.FAMILIES

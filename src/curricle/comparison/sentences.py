@@ -666,7 +666,7 @@ def _expected(arms: MeasuredArms, name: str) -> str:
     missed = int((~times.reached).sum())
     if missed == len(times.reached):
         return f"never within {arms.total:,} steps"
-    text = in_brief(times.restricted_mean(float(arms.scratch.curve.steps[-1])))
+    text = in_brief(times.restricted_mean())
     seeds = counted(len(times.reached), "seed")
     return f"at least {text} ({missed} of {seeds} never)" if missed else text
 

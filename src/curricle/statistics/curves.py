@@ -5,7 +5,7 @@ Weak transfer ignores the steps in source tasks; strong transfer charges them (`
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,7 @@ from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import number, numbers
 from curricle.errors import SettingError
 from curricle.statistics.intervals import (
-    CONFIDENCE,
     Interval,
-    check_confidence,
     check_each,
     mean_interval,
 )
@@ -25,7 +23,6 @@ from curricle.text import brief_repr, printed
 
 SCRATCH = "scratch"  # the arm that learns the target alone, with which others are compared
 ROUNDING = 1e-7  # relative difference that rounding causes between two exact mean returns
-SHARE_ROUNDING = 1e-9  # difference of a product of shares from the fraction that it stands for
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,71 +259,21 @@ class Times(Frozen):
         for name, array in (("steps", steps), ("reached", reached)):
             object.__setattr__(self, name, frozen(array))
 
-    def median(self, *, confidence: float = CONFIDENCE) -> Interval:
-        """Return the median time with the interval of the sign test, in steps.
+    def restricted_mean(self) -> Interval:
+        """Return the mean of the observed steps with Student's interval, from 0 (Royston 2013).
 
-        min {t : share(t) <= 1/2}, where share(t) = prod_{t_i <= t} (1 - d_i / n_i) is that of seeds
-        not yet at the threshold: d_i reach it at t_i, and n_i are observed until then and have not
-        reached it before (Kaplan and Meier 1958). Infinite if the share stays above. The bounds are
-        order statistics between which the median of any distribution lies with at least the
-        stated probability (Thompson 1936); a censored time is infinite for the upper bound. Five
-        seeds or fewer bound no median at 95 %: from 0 to infinity.
-
-        Examples
-        --------
-        >>> reached = np.array([True] * 7 + [False])
-        >>> print(Times(np.arange(1.0, 9.0) * 100, reached).median())
-        400 [100, inf], 8 seeds
-        """
-        from scipy.stats import CensoredData, ecdf, quantile_test  # half a second that few need
-
-        check_confidence(confidence)
-        curve = ecdf(CensoredData.right_censored(self.steps, ~self.reached)).sf
-        half, k = curve.probabilities <= 0.5 + SHARE_ROUNDING, self.steps.size
-        median = float(curve.quantiles[half.argmax()]) if half.any() else np.inf
-        if k == 1:
-            return Interval(median, np.nan, np.nan, confidence, 1)
-        latest = np.where(self.reached, self.steps, np.inf)
-        low = quantile_test(self.steps).confidence_interval(confidence).low
-        high = quantile_test(latest).confidence_interval(confidence).high
-        if np.isnan(low):  # too few seeds
-            low, high = 0.0, np.inf
-        return Interval(median, float(low), float(high), confidence, k)
-
-    def restricted_mean(
-        self, horizon: float | None = None, *, confidence: float = CONFIDENCE
-    ) -> Interval:
-        """Return the mean time within a horizon with Student's interval, in steps.
-
-        mean_k min(time_k, horizon) (Royston and Parmar 2013), with bounds clipped to 0 and the
-        horizon. Arms are comparable only at the same horizon. Without a horizon a seed counts with
-        its observed steps: a lower bound, with infinity as the upper bound, unless all seeds
-        reached the threshold.
-        SettingError unless a horizon is above 0 and at most the steps of any censored seed.
+        It is a lower bound, with infinity as the upper bound, unless all seeds reached the
+        threshold. Arms are comparable only if they were observed for as many steps.
 
         Examples
         --------
         >>> times = Times(np.array([200.0, 400.0, 900.0]), np.array([True, True, False]))
-        >>> print(times.restricted_mean(600.0))
-        400 [0, 600], 3 seeds
+        >>> print(times.restricted_mean())
+        500 [0, inf], 3 seeds
         """
-        within = self.steps
-        if horizon is not None:
-            if number("horizon", horizon, SettingError) <= 0:
-                raise SettingError(f"horizon must be above 0 steps: got {horizon:g}")
-            short = ~self.reached & (self.steps < horizon)
-            if short.any():
-                place = int(np.argmax(short))
-                raise SettingError(
-                    f"horizon must not exceed the observed steps of a censored seed: got"
-                    f" {horizon:g}, seed {place} was censored at {self.steps[place]:g}"
-                )
-            within = np.minimum(self.steps, horizon)
-        mean = mean_interval(within, confidence=confidence)
-        low, high = np.clip([mean.low, mean.high], 0.0, horizon)
-        if horizon is None and not self.reached.all() and not np.isnan(high):
-            high = np.inf
-        return Interval(mean.estimate, float(low), float(high), confidence, mean.n)
+        mean = mean_interval(self.steps)
+        high = mean.high if self.reached.all() or np.isnan(mean.high) else np.inf
+        return replace(mean, low=float(np.maximum(mean.low, 0.0)), high=float(high))
 
     def __str__(self) -> str:
         seeds, missed = self.reached.size, int(np.sum(~self.reached))
