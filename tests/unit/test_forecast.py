@@ -44,7 +44,7 @@ def test_custom_aggregates_have_rows_too():
     predicted = cr.forecast(
         plan, seeds=1, aggregates=[lambdas[1], mean, cr.maximum], trial=True, opponents=()
     )
-    assert sorted(predicted.ranking) == [
+    assert sorted(row.name for row in predicted.rows if row.aggregate) == [
         "<lambda> [1]", "<lambda> [2]", "maximum", "mean [1]", "mean [2]", "minimum", "total",
     ]  # fmt: skip
     for name, same in (
@@ -538,7 +538,7 @@ def test_a_long_trial_is_made_of_the_used_candidate_alone_or_only_if_it_is_asked
     monkeypatch.setattr(trials, "QUICK", 1.5 * trials.FEWEST * alone)
     some, seeds = affordable(tried)
     assert [candidate.name for candidate in some] == ["minimum"]
-    assert cr.forecast(plan, seeds=1).ranking[0] == "minimum"  # the others have no gain
+    assert cr.forecast(plan, seeds=1).rows[0].name == "minimum"  # the others have no gain
     assert seeds == int(1.5 * trials.FEWEST)
     plan = corner(target=1000)
     monkeypatch.setattr(trials, "QUICK", 0.0)

@@ -4,7 +4,7 @@ Arms with different targets are refused.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
@@ -265,7 +265,7 @@ def _arm(
 ) -> Arm:
     """Return the arm that the results of its tasks make, with its seeds in the caller's order."""
     last, curriculum = results[plan.target], planned.curriculum
-    learnt = Arm.of(
+    return Arm.of(
         last.result,
         last.source_steps,
         (plan.steps[1], plan.eval_freq),
@@ -275,12 +275,8 @@ def _arm(
             source: results[source].result.ended_by == UNLEARNT
             for source in (curriculum.ancestors(plan.target) if not planned.of else ())
         },
-    )
-    knows_target = curriculum.knows_target(plan.target)
-    return replace(
-        learnt,
         scratch=planned.scratch,
         curriculum=planned.of,
-        knows_target=knows_target,
+        knows_target=curriculum.knows_target(plan.target),
         network=curriculum.node(plan.target).deep,
     )

@@ -5,7 +5,7 @@ it learnt its own task. Live environments and networks allow no trial: of their 
 the return of the potential's own greedy policy, beside that of the random policy.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -290,11 +290,6 @@ class Forecast:
         return by_name[name]
 
     @property
-    def ranking(self) -> tuple[str, ...]:
-        """The aggregates' names, the highest gain first."""
-        return tuple(row.name for row in self.rows if row.aggregate)
-
-    @property
     def used(self) -> ForecastRow:
         """The row of the potential that the curriculum uses."""
         return next(row for row in self.rows if row.used)
@@ -394,18 +389,12 @@ class Forecast:
         for name, source in self.trained.items():
             seeds, average = len(source.seeds), " on average" * bool(np.ptp(source.steps_used))
             sources.append(f"{name} ({source.steps_used.mean():,.0f} steps{average})")
-        return f"from {counted(seeds, 'seed')} of {_listed(sources)}, "
+        return f"from {counted(seeds, 'seed')} of {', '.join(sources)}, "
 
 
 def _estimate(row: ForecastRow) -> float:
     """Return the gain of a row; -inf where it has none."""
     return -np.inf if row.gain is None else float(np.nan_to_num(row.gain.estimate, nan=-np.inf))
-
-
-def _listed(names: Iterable[str]) -> str:
-    """Return names as a list in a sentence."""
-    *some, last = names
-    return f"{', '.join(some)} and {last}" if some else last
 
 
 # -- Making a forecast ---------------------------------------------------------------------------

@@ -189,8 +189,9 @@ class Arm:
         *,
         unlearnt: Mapping[str, BoolArray],
         initial_values: FloatArray | None,
+        **about: Any,
     ) -> Self:
-        """Return some of a learning result's seeds as an arm of a curriculum of its own.
+        """Return some of a learning result's seeds as an arm; `about` are its other fields.
 
         `steps` are the total and those between checkpoints. Seed k learns for total - spent_k
         steps, after which its last value is repeated.
@@ -208,6 +209,7 @@ class Arm:
             Curve(at, greedy, spent[rows]),
             initial_values=None if initial_values is None else initial_values[rows],
             unlearnt={source: of_seeds[rows] for source, of_seeds in unlearnt.items()},
+            **about,
         )
 
     @property

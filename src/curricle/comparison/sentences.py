@@ -553,12 +553,12 @@ def _count(names: list[str], all_: int) -> str:
 
 def findings(arms: MeasuredArms) -> tuple[Finding, ...]:
     """Return the finding about each arm that does not learn from scratch, in order."""
-    by_arm = {row["arm"]: row for row in table_rows(arms)}
-    return tuple(_finding(arms, by_arm[name], by_arm) for name in arms.contrasts)
+    rows = table_rows(arms)
+    return tuple(_finding(arms, row) for row in rows if row["arm"] in arms.contrasts)
 
 
-def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding:
-    name, rival = row["arm"], by_arm[row["against"]]
+def _finding(arms: MeasuredArms, row: Row) -> Finding:
+    name, rival = row["arm"], row["against"]
     contrast, sure = arms.contrasts[name], _p("adjusted_p", arms, row)
     tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
     of_p = f" (p\xa0=\xa0{sure})" if sure else ""
@@ -569,10 +569,11 @@ def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding
         f"{signed(contrast.strong_gain)} mean return over all {arms.total:,} steps, its "
         f"{row['source_steps']:,.0f} source steps counted{of_p}.",
         f"Over target steps only: {signed(contrast.weak_gain)}.",
-        _reached(arms, row, rival),
+        f"Steps to {rounded(arms.threshold)}: {_expected(arms, name)}; {rival}: "
+        f"{_expected(arms, rival)}.",
     ]
     remarks = [saved_sentence(arms, name)]
-    remarks += [cluster_sentence(arms, arm) for arm in (name, rival["arm"])]
+    remarks += [cluster_sentence(arms, arm) for arm in (name, rival)]
     if name in arms.control_verdicts:
         remark = _gains_more(name, arms.control_verdicts[name], "controls")
         remarks.append(remark.removeprefix(f"{name} "))
@@ -582,21 +583,6 @@ def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding
     lines += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
     control, gain = arms[name].control, contrast.strong_gain
     return Finding(name, control, tone, contrast.answer, tuple(lines), gain)
-
-
-def _reached(arms: MeasuredArms, row: Row, rival: Row) -> str:
-    threshold, seeds = rounded(arms.threshold), arms.seeds
-    if not row["reached"] and not rival["reached"]:
-        return f"Neither it nor {rival['arm']} reaches {threshold} in any seed."
-
-    def when(row: Row) -> str:
-        if not row["reached"]:
-            return "in no seed"
-        some = f" in {row['reached']} of {counted(seeds, 'seed')}" if row["reached"] < seeds else ""
-        bound = "at least " if some else ""
-        return f"after {bound}{row['steps_to_threshold']:,.0f} steps on average{some}"
-
-    return f"Reaches {threshold} {when(row)}; {rival['arm']} {when(rival)}."
 
 
 # -- What a forecast says of its trial -------------------------------------------------------------

@@ -31,7 +31,7 @@ from curricle.study.config import StudyConfig
 from curricle.study.store import DecisionRow, UnitContent, differences, shown
 from curricle.study_file.own_code import code_of
 from curricle.study_file.schema import NameGraph
-from curricle.study_file.vary import target_alone
+from curricle.study_file.vary import target_alone, with_settings
 from curricle.transfer.transfer import mappings_digest
 
 # -- The dependencies of a unit's result, its key, and the reasons why a stored unit is stale ------
@@ -202,11 +202,9 @@ def scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
     scratches = study.get("scratches")
     if scratches is None:
         alone = target_alone(next(iter(study["arms"].values())))
-        task = alone["tasks"][target]
         scratches = {SCRATCH: alone}
         for name, learner in study["scratch_learners"].items():
-            tasks = {**alone["tasks"], target: {**task, "learner": learner}}
-            scratches[f"{SCRATCH}, {name}"] = {**alone, "tasks": tasks}
+            scratches[f"{SCRATCH}, {name}"] = with_settings(alone, target, learner=learner)
     return {name: target_alone(arm) for name, arm in scratches.items()}
 
 

@@ -23,7 +23,7 @@ from curricle.study.results import StudyResults
 from curricle.study.running import check_runnable, run_study
 from curricle.study.store import remove_parts
 from curricle.study.tried import tried
-from curricle.study_file.vary import Raw
+from curricle.study_file.vary import with_settings
 from curricle.text import UNBOUNDED, folded, text_table
 
 CONFIGURED, FAIR = "configured", "fair"  # the subfolders of an audit
@@ -116,11 +116,6 @@ def as_configured(study: StudyConfig) -> StudyConfig:
             "out [tune], choose, scratch = false and compared = false"
         )
     return study.varied(opponents=study.opponents or (), own_learners=True)
-
-
-def with_settings(plan: Raw, task: str, **settings: Any) -> dict[str, Any]:
-    """Return an arm as data with other settings of a task."""
-    return {**plan, "tasks": {**plan["tasks"], task: {**plan["tasks"][task], **settings}}}
 
 
 def as_fair(study: StudyConfig, trials: int = TRIALS) -> StudyConfig:

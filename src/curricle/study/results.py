@@ -579,7 +579,7 @@ def _arm(
             f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
     arm = record.arms[name]
-    learnt = Arm.of(
+    return Arm.of(
         result,
         spent,
         (total, record.eval_freq),
@@ -590,9 +590,6 @@ def _arm(
             for task in arm.nodes
             if not curriculum and task != record.target and (ended := study.ended_by(name, task))
         },
-    )
-    return replace(
-        learnt,
         scratch=arm.scratch,
         curriculum=curriculum,
         knows_target=arm.knows_target,

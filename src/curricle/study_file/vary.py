@@ -212,6 +212,11 @@ def target_alone(curriculum: Raw) -> dict[str, Any]:
     return {"tasks": kept, "transfers": []}
 
 
+def with_settings(plan: Raw, task: str, **settings: Any) -> dict[str, Any]:
+    """Return a complete curriculum with other settings of a task."""
+    return {**plan, "tasks": {**plan["tasks"], task: {**plan["tasks"][task], **settings}}}
+
+
 # -- The arms that sweeps and tunings make ---------------------------------------------------------
 
 MOST_ARMS = 100  # of a sweep: the correction for more arms would hide every relevant difference
@@ -294,8 +299,7 @@ def _learnt_by(learner: str, alone: Make, study: Raw) -> dict[str, Any]:
     """Return the target alone with a further learner from scratch."""
     plan = alone(study)
     *_, target = plan["tasks"]
-    task = {**plan["tasks"][target], "learner": table(complete_learners(study, plan))[learner]}
-    return {**plan, "tasks": {**plan["tasks"], target: task}}
+    return with_settings(plan, target, learner=table(complete_learners(study, plan))[learner])
 
 
 def _swept(arm: Variant) -> dict[str, Variant]:
