@@ -249,7 +249,7 @@ def test_main_effects_of_a_sweep_are_means_over_arms(tmp_path):
     both = [returns[name.format(value)] for value in (0.0, 1.0)]
     level = levels_of(effects, "transfer", "learner.learning_rate")[1]
     assert (level.text, level.number) == ("0.3", 2)
-    assert level.mean == pytest.approx(np.mean(both))
+    assert level.mean.estimate == pytest.approx(np.mean(both))
     alone = levels_of(effects, "scratch", "learner.learning_rate")
     assert [level.text for level in alone] == ["0.1", "0.3"]
     assert not levels_of(effects, "scratch", "unknown_value")

@@ -499,7 +499,7 @@ def headline(arms: MeasuredArms) -> str:
 
 
 def _paid(arms: MeasuredArms) -> str:
-    verdicts = arms.verdicts
+    verdicts, n = arms.verdicts, len(arms.verdicts)
     if arms.nobody and not arms.interim:
         return ""
     if arms.withheld:
@@ -510,10 +510,10 @@ def _paid(arms: MeasuredArms) -> str:
     if undecided and not paid and not harmed:
         return "No curriculum is shown to differ from its opponents."
     counts = [
-        f"{_count(names, len(verdicts))} {verbs[len(names) > 1]}"
-        for names, verbs in (
-            (paid, ("pays for itself", "pay for themselves")),
-            (harmed, ("costs more than it brings", "cost more than they bring")),
+        f"{f'{len(names)} of {n} curricula' if n > 1 else 'the curriculum'} {verb}"
+        for names, verb in (
+            (paid, "pay for themselves" if n > 1 else "pays for itself"),
+            (harmed, "cost more than they bring" if n > 1 else "costs more than it brings"),
         )
         if names
     ]
@@ -541,14 +541,6 @@ def _paid(arms: MeasuredArms) -> str:
 
 def _sentence(text: str, end: str = ".") -> str:
     return f"{text[0].upper()}{text[1:]}{end}"
-
-
-def _count(names: list[str], all_: int) -> str:
-    if all_ == 1:
-        return "the curriculum"
-    if len(names) == all_ == 2:
-        return "both curricula"
-    return f"all {all_} curricula" if len(names) == all_ else f"{len(names)} of {all_}"
 
 
 def findings(arms: MeasuredArms) -> tuple[Finding, ...]:
@@ -595,17 +587,9 @@ def likely(gain: Interval) -> str:
     return "likely costs more than it brings" if gain.high < 0 else "whether it pays is open"
 
 
-def in_brief(interval: Interval) -> str:
-    """Return an interval as text without its number of seeds, with commas in thousands."""
-    bounds = (float(x) for x in (interval.estimate, interval.low, interval.high))
-    rounded_bounds = [float(f"{bound:.3g}") for bound in bounds]
-    estimate, low, high = (f"{x:,.0f}" if abs(x) >= 1000 else f"{x:g}" for x in rounded_bounds)
-    return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
-
-
 def steps_and_gain(arms: MeasuredArms, name: str) -> str:
     """Return a sentence on an arm's steps to the threshold, its best opponent's, and its gain."""
-    gained = f"gain in mean return {in_brief(arms.contrasts[name].strong_gain)}"
+    gained = f"gain in mean return {short(arms.contrasts[name].strong_gain)}"
     if arms.nobody:
         return nothing_learnt(arms)
     if arms.reference.nothing_to_learn:
@@ -652,7 +636,7 @@ def _expected(arms: MeasuredArms, name: str) -> str:
     missed = int((~times.reached).sum())
     if missed == len(times.reached):
         return f"never within {arms.total:,} steps"
-    text = in_brief(times.restricted_mean())
+    text = short(times.restricted_mean())
     seeds = counted(len(times.reached), "seed")
     return f"at least {text} ({missed} of {seeds} never)" if missed else text
 

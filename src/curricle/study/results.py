@@ -183,11 +183,9 @@ class StudyResults:
         )
 
     def __repr__(self) -> str:
-        return shortened(f"StudyResults({self.record.name!r}, {self._so_far()})")
-
-    def _so_far(self) -> str:
         arms, whole = counted(len(self.record.arms), "arm"), counted(len(self.record.seeds), "seed")
-        return f"{arms}, {len(self.seeds)} of {whole} complete"
+        so_far = f"{arms}, {len(self.seeds)} of {whole} complete"
+        return shortened(f"StudyResults({self.record.name!r}, {so_far})")
 
     @property
     def is_part(self) -> bool:

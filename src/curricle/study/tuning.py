@@ -23,7 +23,9 @@ from curricle.comparison.choice import (
     options_of,
 )
 from curricle.comparison.opponents import OPPONENTS, from_scratch
+from curricle.comparison.sentences import short as short_interval
 from curricle.files import Place
+from curricle.statistics.intervals import Interval
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import RunTable, StudyConfig, configured, of_studies
@@ -166,9 +168,7 @@ class Level(NamedTuple):
     key: str  # the setting's key in the study's file
     text: str  # the value as text
     number: int  # the number of arms
-    mean: float
-    low: float
-    high: float
+    mean: Interval
 
 
 def effects_of(results: StudyResults) -> list[Level]:
@@ -187,8 +187,7 @@ def effects_of(results: StudyResults) -> list[Level]:
     for place in places:
         (key, of, text), all_arms = place, returns[place]
         mean = comparison.interval(np.mean(all_arms, axis=0))
-        ends = float(mean.estimate), float(mean.low), float(mean.high)
-        levels.append(Level(of, key, text, len(all_arms), *ends))
+        levels.append(Level(of, key, text, len(all_arms), mean))
     return levels
 
 
@@ -198,11 +197,9 @@ EFFECT_HEADS = ("arm", "setting", "value", "arms", "mean return", "")
 def effects_rows(effects: Sequence[Level]) -> list[tuple[str, ...]]:
     """Return the rows of the table of a sweep; without an interval for a single seed."""
     return [
-        (
-            *(effect.arm, effect.key, effect.text, f"{effect.number}", short(effect.mean)),
-            "" if np.isnan(effect.low) else f"[{short(effect.low)}, {short(effect.high)}]",
-        )
-        for effect in effects
+        (arm, key, text, f"{number}", *mean_and_bounds.partition(" ")[::2])
+        for arm, key, text, number, mean in effects
+        for mean_and_bounds in [short_interval(mean)]
     ]
 
 
