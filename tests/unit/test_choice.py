@@ -10,6 +10,7 @@ from curricle.comparison import choice as module
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.measures import Arm, Reference
 from curricle.comparison.plan import Plan, PlannedArm
+from curricle.comparison.sentences import without_source
 from curricle.errors import CurriculumError, SettingError, StudyError, TaskError
 from curricle.statistics.curves import Curve
 from curricle.study import StudyStore, merge, run_study
@@ -166,9 +167,9 @@ def test_a_source_that_pays_is_chosen(hunt, choice):
 
 
 @pytest.mark.parametrize(("name", "level", "says"), [
-    ("A", 6, "A: gains 6.00 [5.00, 7.00] in mean return on 7 fresh seeds more than learning from"),
-    ("", 1, "no curriculum: none is shown to gain more than learning from scratch alone (the best"),
-    ("", -6, "no curriculum: learning from scratch alone does better (the best, A, gains -6"),
+    ("A", 6, "A: gains 6.00 [5.00, 7.00] in mean return on 7 fresh seeds more than the target's"),
+    ("", 1, "no curriculum: none is shown to gain more than the target's own learner alone ("),
+    ("", -6, "no curriculum: the target's own learner alone does better (the best, A, gains -6"),
 ])  # fmt: skip
 def test_the_sentence_names_the_opponent_of_the_gain_and_what_is_shown(name, level, says):
     spread, constant = np.arange(-3.0, 4.0), {"scratch": True, "initial_values": np.zeros(7)}
@@ -176,10 +177,12 @@ def test_the_sentence_names_the_opponent_of_the_gain_and_what_is_shown(name, lev
             "B": flat(spread), "B, constant": flat(spread + 9, "B", **constant)}  # fmt: skip
     result = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
     rows = ({"name": "A"},)
-    choice = module.Choice(name, None, module._best_alone(result, "A"), result, rows)
+    choice = module.Choice(name, None, without_source(result, "A")[0], result, rows)
     assert choice.sentence.startswith(says)
     arms["A, constant"] = flat(level + spread + 9, "A", **constant)
-    assert module._best_alone(replace(result, arms=arms), "A") == "initial_value=0"
+    assert without_source(replace(result, arms=arms), "A")[0].endswith(
+        "learner with initial_value=0"
+    )
 
 
 def test_equal_seeds_give_equal_choices_whatever_the_workers():

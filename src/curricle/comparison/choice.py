@@ -28,7 +28,13 @@ from curricle.comparison.comparison import (
 from curricle.comparison.measures import Arm, Reference
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
-from curricle.comparison.sentences import columns_of, interval_of, nothing_learnt, short
+from curricle.comparison.sentences import (
+    columns_of,
+    interval_of,
+    nothing_learnt,
+    short,
+    without_source,
+)
 from curricle.comparison.task_differences import differences
 from curricle.comparison.trial import WINDOW, hindrance
 from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
@@ -37,7 +43,6 @@ from curricle.learning.shaping import QInitialisation
 from curricle.learning.stopping import StoppingRule
 from curricle.learning.storage import Storage
 from curricle.progress import Bars, Progress, shown
-from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.mdp import Task, has_tables
@@ -225,21 +230,12 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
     remarks += [f"{arm} failed: {in_words(error)}" for arm, error in failed.items()]
     listed = tuple(rows[name] for name in (*finalists, *others))
     best = finalists[0] * pays[finalists[0]]
-    return Choice(best, None, _best_alone(final, finalists[0]), final, listed, tuple(remarks))
+    return Choice(best, None, without_source(final, finalists[0])[0], final, listed, tuple(remarks))
 
 
 def _may_exceed(returns: FloatArray, others: FloatArray) -> bool:
     """Return whether a mean return may be as high as another; True without an interval."""
     return not mean_interval(returns - others).high < 0
-
-
-def _best_alone(comparison: Comparison, name: str) -> str:
-    """Return the best opponent of a curriculum, in words."""
-    best = comparison.best_opponent(name)
-    values = comparison[best].initial_values
-    if values is not None:
-        return f"initial_value={values.mean():.4g}"
-    return "learning from scratch" if best == SCRATCH else best.removeprefix(f"{SCRATCH}, ")
 
 
 # -- Choosing --------------------------------------------------------------------------------------

@@ -352,7 +352,7 @@ def headroom_sentence(arms: MeasuredArms, name: str) -> str:
     if np.isnan(share) or best is None or worst is None or arms.nobody:
         return ""
     return (
-        f"the best learner without a source, {_without_source(arms, name)[0]}, leaves "
+        f"the best learner without a source, {without_source(arms, name)[0]}, leaves "
         f"{round(share, 3):g} of the way from random play to the optimum in this budget "
         f"({share * (best - worst):.3g} in mean return)"
         f"{': no source can gain more' * arms.reference.optimum_bounds}"
@@ -384,12 +384,12 @@ def saved_sentence(arms: MeasuredArms, name: str) -> str:
 
 def instead(arms: MeasuredArms, name: str) -> str:
     """Return the advice to use an arm's best opponent, and how to write that in a study file."""
-    learner, written = _without_source(arms, name)
+    learner, written = without_source(arms, name)
     in_file = f" (in a study file: {written}no sources)" * (not arms.remarks)
     return f"use {learner} without a source{in_file}"
 
 
-def _without_source(arms: MeasuredArms, name: str) -> tuple[str, str]:
+def without_source(arms: MeasuredArms, name: str) -> tuple[str, str]:
     """Return an arm's best opponent as a learner, and as settings of a study file."""
     best, own = arms.best_opponent(name), "the target's own learner"
     if best == SCRATCH:
