@@ -510,10 +510,10 @@ def _paid(arms: MeasuredArms) -> str:
     if undecided and not paid and not harmed:
         return "No curriculum is shown to differ from its opponents."
     counts = [
-        f"{f'{len(names)} of {n} curricula' if n > 1 else 'the curriculum'} {verb}"
-        for names, verb in (
-            (paid, "pay for themselves" if n > 1 else "pays for itself"),
-            (harmed, "cost more than they bring" if n > 1 else "costs more than it brings"),
+        f"{f'{len(names)} of {n} curricula' if n > 1 else 'the curriculum'} {verbs[len(names) > 1]}"
+        for names, verbs in (
+            (paid, ("pays for itself", "pay for themselves")),
+            (harmed, ("costs more than it brings", "cost more than they bring")),
         )
         if names
     ]

@@ -31,7 +31,9 @@ def test_the_headline_names_what_paid_and_by_how_much():
     result = compared(good=line(10, 20), better=line(20, 20), bad=line(-5, 10))
     gain = result.contrasts["better"].strong_gain
     text = headline(result).replace("\xa0", " ")
-    assert text.startswith("2 of 3 pay for themselves, 1 of 3 costs more than it brings: better ")
+    assert text.startswith(
+        "2 of 3 curricula pay for themselves, 1 of 3 curricula costs more than it brings: bet"
+    )
     assert f"+{gain.estimate:.1f} [{gain.low:.1f}, {gain.high:.1f}]" in text
     assert text.endswith("over 8 seeds.")
 
@@ -39,7 +41,7 @@ def test_the_headline_names_what_paid_and_by_how_much():
 def test_a_headline_claims_nothing_that_was_not_shown():
     assert headline(compared(same=line(0))).startswith("No curriculum is shown to differ")
     both = headline(compared(one=line(-5), two=line(-6)))
-    assert both.startswith("Both curricula cost more than they bring: two most")
+    assert both.startswith("2 of 2 curricula cost more than they bring: two most")
     result = compared(good=line(10), placebo=line(10, curriculum="good"))
     assert headline(result).startswith("The curriculum pays for itself: +")
 
