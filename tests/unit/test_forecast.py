@@ -338,7 +338,7 @@ def test_seeds_that_never_reach_the_threshold_are_counted():
     assert trial.numbers("a") == (
         "expected steps to the threshold 9: 200 with sources (their 100 steps included), at least "
         "367 [0, inf] (1 of 3 seeds never) from scratch; share of steps saved at least 0.45 "
-        "[-0.54, 1.00]; gain in mean return 3.3 [-4.5, 11.2]"
+        "[-0.54, 1.00]; gain in mean return 3.3 [-4.6, 11.2]"
     )
     assert trial.verdict("a") == "whether it pays is open"
     swapped = Trial(
