@@ -3,18 +3,24 @@
 All arms of a simulated study are of one distribution, so that each verdict which finds a difference
 is a false alarm. Each entry is the share of studies with any, in percent; nominal is at most 5 %.
 One entry of 3,000 studies has a standard error of 0.4. Takes ten minutes. With `--power` a
-curriculum has a gain, and an entry is the share of studies that show it.
+curriculum has a gain, and an entry is the share of studies that show it. With `--audits` each study
+is played: the audit of rooms drawn at random, with potentials that only break ties, so that what
+is gained over scratch is luck of the seeds or of tuning. It goes on after a kill.
 
-    python benchmarks/false_alarms.py [--power] [--studies 3000]
+    python -m benchmarks.false_alarms [--power] [--studies 3000]
+    python -m benchmarks.false_alarms --audits null-audits --studies 200
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from curricle.comparison.verdicts import verdicts_of
+from curricle.study import audit, read_study
 
 SEEDS, POWER_SEEDS = (6, 7, 10, 20, 50), (10, 20, 50)
 FAMILIES: dict[str, Callable[..., np.ndarray]] = {
@@ -98,6 +104,32 @@ POWER: dict[str, Callable[..., bool]] = {
 """Gain, opponents and which are tested -> whether one study shows a difference, of (seeds, rng)."""
 
 
+NOTHING, AUDIT_TRIALS = Path(__file__).with_name("nothing.toml"), 4  # 20 an arm
+
+
+def noise(task: Any) -> np.ndarray:
+    """Return values far too small to tell good from bad, drawn for each task anew."""
+    rng = np.random.default_rng(task.mdp.next_state.ravel().astype(np.uint32))
+    return 1e-9 * rng.random((task.states.size, task.actions.size))
+
+
+def null_audits(folder: Path, studies: int) -> Iterator[list[str]]:
+    """Yield what each audit answers of potentials that know nothing, in rooms drawn at random."""
+    for number in range(studies):
+        rng = np.random.default_rng(number)
+        rooms = {
+            "size": rng.integers(7, 10),
+            "slip": round(rng.uniform(0.0, 0.4), 2),
+            "goal": rng.choice(["north", "east", "south", "west"]),
+            "budget": rng.integers(1, 9) * 1_000,
+        }
+        changes = [f"tasks.rooms.{key}={value}" for key, value in rooms.items()]
+        seeds = f"seeds={100 * number}-{100 * number + 19}"
+        study = read_study(NOTHING, set=[seeds, *changes])
+        fair = audit(study, folder / str(number), trials=AUDIT_TRIALS, workers=1).fair
+        yield [fair.comparison.contrasts[arm].answer for arm in fair.comparison.verdicts]
+
+
 def rate(cases, case, seeds, studies):
     """Return the share of studies in which a case is true, with fixed random numbers."""
     rng = np.random.default_rng([list(cases).index(case), seeds, studies])
@@ -108,7 +140,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--studies", type=int, default=3000)
     parser.add_argument("--power", action="store_true", help="of a gain, instead of none")
+    parser.add_argument("--audits", type=Path, metavar="FOLDER", help="play them in a folder")
     asked = parser.parse_args()
+    if asked.audits:
+        for number, answers in enumerate(null_audits(asked.audits, asked.studies)):
+            print(number, *answers, sep="\t", flush=True)
+        return
     tables = (POWER, POWER_SEEDS, "shown, in percent"), (VERDICTS, SEEDS, "nominal at most 5 %")
     cases, seeds, head = tables[not asked.power]
     print(f"| {head} | " + " | ".join(f"{k} seeds" for k in seeds) + " |")

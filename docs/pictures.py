@@ -179,19 +179,19 @@ def aggregates() -> None:
 
 # -- what survives --------------------------------------------------------------------------------
 
-GAIN = re.compile(r"^([+-][\d.]+) \[([+-][\d.]+), ([+-][\d.]+)\]$")
+GAIN = re.compile(r"([+-][\d.]+) \[([+-][\d.]+), ([+-][\d.]+)\]")
 
 
 def survives() -> None:
     """The gains of the page's table, as configured and against fair opponents."""
     lines = (HERE / "what_survives.md").read_text("utf-8").splitlines()
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line[:1] == "|"]
-    rows = [row for row in cells if len(row) == 7 and GAIN.match(row[2])]
+    rows = [row for row in cells if len(row) == 9 and GAIN.match(row[2])]
     figure, plot = axes("What survives of published gains", "gain, as a share of the way", "")
     figure.set_size_inches(SIZE[0], 0.8 + 0.19 * len(rows))
     for column, colour, label, shift in (
         (2, "C0", "as configured, over scratch", -0.16),
-        (4, "C1", "fair, over the best opponent", 0.16),
+        (5, "C1", "fair, over the best opponent", 0.16),
     ):
         gains = np.array(
             [[float(part) for part in GAIN.match(row[column]).groups()] for row in rows]

@@ -2,6 +2,7 @@
 
     python -m benchmarks.published play published-results             # goes on after a kill
     python -m benchmarks.published play published-results office --seeds 20
+    python -m benchmarks.published play published-results rooms_x2 graph_x4   # larger tasks
     python -m benchmarks.published table published-results
     python -m benchmarks.published rewards                            # of the office, as published
 
@@ -15,31 +16,60 @@ from pathlib import Path
 
 import numpy as np
 
+import curricle as cr
+from benchmarks.published.grids import maze
 from curricle.comparison.measures import Reference
+from curricle.comparison.sentences import share_saved
 from curricle.planning import Target
 from curricle.show.report import write_audit
 from curricle.statistics import Interval, mean_interval
 from curricle.statistics.curves import SCRATCH
-from curricle.study import Audit, StudyResults, audit, read_study
-from curricle.study.auditing import CONFIGURED, FAIR
+from curricle.study import Audit, StudyConfig, StudyResults, audit, read_study
+from curricle.study.auditing import CONFIGURED, FAIR, INFORMED
 
 CLAIMS = {file.stem: file for file in sorted(Path(__file__).parent.glob("*.toml"))}
+MAZES = {"graph": ("maze", "line", "small", "near", "far fire", "pit")}
+MAZES["objects"] = ("maze", "line", "near", "fire")
+LARGER = [f"{name}_x{times}" for name in ("rooms", *MAZES) for times in (2, 4)]
+"""Claims with sides two and four times as long, in the steps of the paper."""
 TRIALS = 20  # for each setting of the arm that has most
-HEADS = ("claim", "arm", "as configured", "verdict", "same learner, tuned", "verdict")
-HEADS += ("best opponent, tuned", "which", "verdict")
+OPTIMIST = f"{SCRATCH}, OptimisticQLearning"
+HEADS = ("claim", "arm", "as configured", "verdict", "over the same learner, tuned")
+HEADS += ("over the best opponent, tuned", "verdict", "steps saved", "exploring from its phi")
 
 
 def play(folder: Path, names: list[str], seeds: str | None, workers: int | None) -> None:
     """Run the audits of some claims, all by default, into subfolders, and write their pages."""
-    for name in names or CLAIMS:
-        study = read_study(CLAIMS[name], set=[f"seeds={seeds}"] if seeds else [])
+    for name in names or [*CLAIMS, *LARGER]:
+        study = claim(name, [f"seeds={seeds}"] if seeds else [])
         made = audit(study, folder / name, trials=TRIALS, workers=workers)
         print(f"{made}\n{write_audit(made, folder / name / 'audit.html')}\n", flush=True)
 
 
+def claim(name: str, changes: list[str] | None = None) -> StudyConfig:
+    """Return the study of a claim, with these changes."""
+    name, _, times = name.partition("_x")
+    changes = [*(changes or []), *(larger(name, int(times)) if times else [])]
+    return read_study(CLAIMS[name], set=changes)
+
+
+def larger(name: str, times: int) -> Iterator[str]:
+    """Yield the changes that make the sides of a claim's tasks `times` as long."""
+    yield f"name={read_study(CLAIMS[name]).name}, x{times}"
+    if name == "rooms":
+        yield f"tasks.cells.arguments.times={times}"
+        reads = f"worlds:room_at_{times}"
+        yield f'transfers=[{{ source = "rooms", target = "cells", function = "{reads}" }}]'
+        return
+    yield from (f'tasks."{task}".arguments.times={times}' for task in MAZES[name])
+    yield f"threshold={0.98 * cr.solve(maze('maze', times=times)).start_value}"  # as theirs is
+
+
 def played(folder: Path) -> dict[str, Audit]:
     """Return the audits in a folder by claim."""
-    there = [name for name in CLAIMS if (folder / name / FAIR / "results.parquet").exists()]
+    there = [
+        name for name in (*CLAIMS, *LARGER) if (folder / name / FAIR / "results.parquet").exists()
+    ]
     sides = {
         name: [StudyResults(folder / name / side) for side in (CONFIGURED, FAIR)] for name in there
     }
@@ -48,7 +78,7 @@ def played(folder: Path) -> dict[str, Audit]:
 
 def way_to_optimum(name: str, results: StudyResults) -> float:
     """Return how far the optimum of a claim's target is above the random policy's return."""
-    reference, study = results.comparison.reference, read_study(CLAIMS[name])
+    reference, study = results.comparison.reference, claim(name)
     if study.threshold is not None:  # then the target was not solved
         plan = next(iter(study.curricula.values()))
         reference = Reference.of(Target.of(plan.tasks[plan.target]))
@@ -63,25 +93,24 @@ def share(gain: Interval, way: float) -> str:
 
 
 def rows(audits: dict[str, Audit]) -> Iterator[tuple[str, ...]]:
-    """Yield the row of each arm: gain as configured, over the same learner, over the best."""
+    """Yield the row of each arm, with what the best opponent gains that explores from its phi."""
     for name, made in audits.items():
         before, after = made.configured.comparison, made.fair.comparison
-        way = way_to_optimum(name, made.fair)
-        for arm in after.verdicts:
+        way, scratch = way_to_optimum(name, made.fair), before.against(SCRATCH)
+        for arm in before.verdicts:
             contrast, same = after.contrasts[arm], after.against(made.same_learner(arm))[arm]
-            first = ("-", "-")  # of an informed optimist, which no paper has
-            if arm in before.verdicts:
-                over_scratch = before.against(SCRATCH)[arm].gain
-                first = (share(over_scratch, way), before.contrasts[arm].answer)
+            rival = after.best_opponent(arm).removeprefix(f"{arm}, ")
+            informed = after.contrasts.get(f"{arm}, {INFORMED}")
             yield (
                 f"{made.fair.record.name}, {len(made.fair.seeds)} seeds",
                 arm,
-                *first,
+                share(scratch[arm].gain, way),
+                before.contrasts[arm].answer,
                 share(same.gain, way),
-                same.against_scratch,
-                share(contrast.strong_gain, way),
-                after.best_opponent(arm).removeprefix(f"{arm}, "),
+                share(contrast.strong_gain, way) + f" ({rival})" * (rival != OPTIMIST),
                 contrast.answer,
+                share_saved(after, arm),
+                f"{share(informed.strong_gain, way)}, {informed.answer}" if informed else "-",
             )
 
 
@@ -107,7 +136,7 @@ def markdown(heads: tuple[str, ...], lines: Iterator[tuple[str, ...]]) -> str:
 def rewards() -> Iterator[tuple[str, ...]]:
     """Yield the rewards of the office in 100,000 steps of training, as the published logs count."""
     changes = ["tasks.office.evaluation.discounted=false", "seeds=60"]
-    study = read_study(CLAIMS["office"], set=changes)
+    study = claim("office", changes)
     arms = {**study.scratch_curricula(), **study.curricula}
     for arm in (SCRATCH, *study.arms):
         result = arms[arm].train(study.seeds)["office"]

@@ -43,11 +43,18 @@ MAZES = {
 goal-10-10-easier, fire-1-5-5-far and pit-1-4-4; the last two are target and source of 2017."""
 
 
-def maze(name: str, treasure: float = 200.0) -> cr.GridWorld:
-    """Return one of these tasks; a step costs 1 only where nothing else is paid."""
+def maze(name: str, treasure: float = 200.0, times: int = 1) -> cr.GridWorld:
+    """Return one of these tasks; a step costs 1 only where nothing else is paid.
+
+    If the sides are `times` as long, the same objects are as many times as far apart, and an
+    episode has as many times the steps, which are discounted and paid for by as much less.
+    """
+    free = "." * (times - 1)
+    lines = ["".join(sign + free for sign in line) for line in MAZES[name].split()]
+    rows = [row for line in lines for row in (line, *["." * len(line)] * (times - 1))]
     return cr.GridWorld(
-        MAZES[name].split(), rewards=cr.Rewards(step=-1.0, treasure=treasure),
-        combine="worst", discount=0.9, time_limit=200,
+        rows, rewards=cr.Rewards(step=-1.0 / times, treasure=treasure),
+        combine="worst", discount=0.9 ** (1 / times), time_limit=200 * times,
     )  # fmt: skip
 
 

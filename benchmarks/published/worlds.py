@@ -1,5 +1,6 @@
 """Tasks, and potentials that papers state: functions of the task that return phi."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -164,12 +165,20 @@ LETTERS = "gbrypoBG"
 DOORS = ["gb", "gr", "ry", "yp", "po", "oB", "pB", "BG"]
 
 
-def rooms() -> cr.FiniteMDP:
-    """Return their eight rooms by cells: 1 for entering the last room, 70 steps at most."""
-    lines = ["".join("T" if s == "G" else s for s in line) for line in ROOMS]
+def plan(times: int) -> list[str]:
+    """Return their plan with `times` cells in the place of one, on either side."""
+    return ["".join(sign * times for sign in line) for line in ROOMS for _ in range(times)]
+
+
+def rooms(*, times: int = 1) -> cr.FiniteMDP:
+    """Return their eight rooms by cells: 1 for entering the last room, 70 steps at most.
+
+    If the sides are `times` as long, there are as many times the steps.
+    """
+    lines = [line.replace("G", "T") for line in plan(times)]
     return grid(
-        lines, start=(3, 2), slip=0.04, step=0.0, goal_reward=1.0, discount=0.98, still=2,
-        time_limit=70,
+        lines, start=(3 * times, 2 * times), slip=0.04, step=0.0, goal_reward=1.0, discount=0.98,
+        still=2, time_limit=70 * times,
     )  # fmt: skip
 
 
@@ -191,12 +200,15 @@ def doors() -> cr.FiniteMDP:
     )  # fmt: skip
 
 
-def room_of(states: Any, actions: Any) -> Any:
+def room_of(states: Any, actions: Any, times: int = 1) -> Any:
     """Map a cell to its room, and every action to the way towards the last room.
 
     Their potential is the value of the room, the largest of its actions.
     """
     best = cr.solve(doors()).policy.argmax(axis=1)
-    number = np.array([[LETTERS.find(sign) for sign in line] for line in ROOMS])
+    number = np.array([[LETTERS.find(sign) for sign in line] for line in plan(times)])
     room = number[states["row"], states["column"]]
     return {"room": room}, {"to": best[room] + 0 * actions["move"]}
+
+
+room_at_2, room_at_4 = partial(room_of, times=2), partial(room_of, times=4)
