@@ -186,12 +186,12 @@ def survives() -> None:
     """The gains of the page's table, as configured and against fair opponents."""
     lines = (HERE / "what_survives.md").read_text("utf-8").splitlines()
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line[:1] == "|"]
-    rows = [row for row in cells if len(row) == 9 and GAIN.match(row[2])]
+    rows = [row for row in cells if len(row) == 8 and GAIN.match(row[2])]
     figure, plot = axes("What survives of published gains", "gain, as a share of the way", "")
     figure.set_size_inches(SIZE[0], 0.8 + 0.19 * len(rows))
     for column, colour, label, shift in (
         (2, "C0", "as configured, over scratch", -0.16),
-        (5, "C1", "fair, over the best opponent", 0.16),
+        (4, "C1", "fair, over the best opponent", 0.16),
     ):
         gains = np.array(
             [[float(part) for part in GAIN.match(row[column]).groups()] for row in rows]
@@ -200,7 +200,7 @@ def survives() -> None:
         errors = np.abs(gains[:, 1:].T - gains[:, 0])
         plot.errorbar(gains[:, 0], places, xerr=errors, fmt="o", ms=4, color=colour, label=label)
     plot.axvline(0, color="0.6", linewidth=0.8)
-    names = [re.sub(r"\[(.*?)\]\(.*?\)", r"\1", row[0]) for row in rows]
+    names = [re.sub(r"\[(.*?)\]\(.*?\)|, \d+( †)?$", r"\1", row[0]) for row in rows]
     labels = [f"{name}: {row[1]}" for name, row in zip(names, rows, strict=True)]
     plot.set_yticks(np.arange(len(rows)), labels, fontsize=7)
     plot.set_ylim(len(rows) - 0.5, -0.5)

@@ -34,7 +34,7 @@ LARGER = [f"{name}_x{times}" for name in ("rooms", *MAZES) for times in (2, 4)]
 """Claims with sides two and four times as long, in the steps of the paper."""
 TRIALS = 20  # for each setting of the arm that has most
 OPTIMIST = f"{SCRATCH}, OptimisticQLearning"
-HEADS = ("claim", "arm", "as configured", "verdict", "over the same learner, tuned")
+HEADS = ("claim", "arm", "as configured", "over the same learner, tuned")
 HEADS += ("over the best opponent, tuned", "verdict", "steps saved", "exploring from its phi")
 
 
@@ -105,7 +105,6 @@ def rows(audits: dict[str, Audit]) -> Iterator[tuple[str, ...]]:
                 f"{made.fair.record.name}, {len(made.fair.seeds)} seeds",
                 arm,
                 share(scratch[arm].gain, way),
-                before.contrasts[arm].answer,
                 share(same.gain, way),
                 share(contrast.strong_gain, way) + f" ({rival})" * (rival != OPTIMIST),
                 contrast.answer,
