@@ -427,13 +427,19 @@ def with_names(space: Space, names: Sequence[str], sizes: object = None) -> Spac
         raise TaskError(
             f"sizes must have a number for each name, {', '.join(names)}: got {list(sizes)}"
         )
-    split = Space([Component(name, size) for name, size in zip(names, sizes, strict=True)])
-    if split.size != space.size:
+    split, (number,) = Space([*map(Component, names, sizes)]), space.components
+    numbered = number.labels is None and not number.arbitrary and number.low >= 0
+    fits = split.size == space.size if space.is_box else numbered and number.high < split.size
+    if not fits:
         raise TaskError(
             f"the product of sizes must be the environment's {space.size:,} states: "
             f"{' x '.join(map(str, sizes))} is {split.size:,}"
         )
-    return split
+    if space.is_box:
+        return split
+    # Tables may lack states, the last ones too, and hold them in the order in which they were found.
+    points = np.stack(np.unravel_index(space.points[:, 0], split.shape), axis=1)
+    return Space(split.components, points)
 
 
 # -- Gymnasium's toy-text environments -------------------------------------------------------------

@@ -225,6 +225,7 @@ def tabulate(
     seeds: object = 1,
     time_limit: TimeLimit = "own",
     names: Sequence[str] | None = None,
+    sizes: Sequence[int] | None = None,
     actions: Space | Sequence[str] | None = None,
     state: object = None,
     outcomes: Listed | None = None,
@@ -253,8 +254,9 @@ def tabulate(
     time_limit : int, None or "own"
         Steps after which episodes are truncated; by default the least of the environment's own.
         Time is no part of a state, unless the environment counts it itself.
-    names, actions : sequence of str, optional
-        Names of a state's components, in their order; `actions` as in :func:`from_gymnasium`.
+    names, sizes, actions : sequence, optional
+        Names of a state's components, in their order; `sizes`, which split a state that is a single
+        number, and `actions` as in :func:`from_gymnasium`.
     state : DeepCopy, MiniGridState or (save, restore), optional
         How states are saved and restored: by default :class:`DeepCopy`, in MiniGrid's environments
         :class:`MiniGridState`, where the goal's reward is 1. Two functions are faster:
@@ -300,6 +302,8 @@ def tabulate(
     """
     plan = Plan(seeds, state, outcomes, samples, max_states, max_seconds, progress, action_masks)
     discount = number("discount", discount, TaskError, low=0, high=1)
+    if names is None and sizes is not None:
+        raise TaskError(f"sizes need the names of their components: got sizes {sizes!r}")
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
     with _opened(environment, make, state) as env:
@@ -316,7 +320,7 @@ def tabulate(
         stated = env.unwrapped.max_steps if is_minigrid(env) else None
         limit: Any = time_limit_of(env, stated) if time_limit == "own" else time_limit
     if names is not None:
-        tables = tables._replace(states=with_names(tables.states, names))
+        tables = tables._replace(states=with_names(tables.states, names, sizes))
     return TabulatedTask(tables.mdp(moves, discount, limit), tables.observations, record)
 
 

@@ -590,6 +590,12 @@ ACTIONS = (
 )
 
 
+End = Annotated[
+    Literal["first", "last"] | int,
+    word("be 'first', 'last' or a whole number", ("first", "last"), other=whole_number),
+]
+
+
 class _TransferTable(ObjectTable):
     if TYPE_CHECKING:
         source: str  # derived from Transfer, as are target, scale and shift
@@ -600,6 +606,11 @@ class _TransferTable(ObjectTable):
     # The keys for the mapping f are written by hand: five functions make mappings of them.
     project: dict[str, str] | None = None
     """f by name: source component = target component where the names differ; may be empty."""
+    aligned: dict[str, End] | None = None
+    """With project: components of states whose ranges are aligned at the 'first' or 'last' value,
+    or the number that is added to the target's value."""
+    unequal: Literal["clip", "scale"] | None = None
+    """With project: values that the source lacks are clipped or scaled, not unmapped."""
     mapping: (
         Literal["identity", "same_position", "relative_objects", "family", "candidate", "auto"]
         | None
@@ -631,6 +642,8 @@ class _TransferTable(ObjectTable):
         ways = [name for name in MAPPINGS if getattr(self, name) is not None]
         if len(ways) != 1:
             raise wrong(f"must have one of {', '.join(MAPPINGS)}: got {', '.join(ways) or 'none'}")
+        if self.project is None and (self.aligned or self.unequal):
+            raise wrong("has aligned or unequal, which go with project")
         of_observations = self.actions is not None or self.status is not None
         if of_observations and self.observations is None and self.mapping != "identity":
             raise wrong("has actions or status, which go with observations or mapping = 'identity'")
@@ -681,7 +694,9 @@ class _TransferTable(ObjectTable):
                 check_same_observations(target, source)
             return ObservationMapping(target, source, **functions, unmapped_value=value)
         if self.project is not None:
-            return by_components.project(target, source, unmapped_value=value, **self.project)
+            how: Any = {"unequal": self.unequal or "unmapped", "aligned": self.aligned}
+            how["unmapped_value"] = value
+            return by_components.project(target, source, **how, **self.project)
         if self.mapping == "identity":
             return identity(target, source)
         if self.mapping is not None:

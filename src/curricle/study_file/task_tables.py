@@ -289,6 +289,7 @@ TabulatedTaskTable = table_of(
     discount=_DISCOUNT,
     time_limit=_LIMIT,
     names=Names,
+    sizes=(tuple[Count, ...] | None, None),  # None is not stored
     actions=Names,
     samples=Count | None,
     action_masks=(Flag | None, None),

@@ -1,22 +1,23 @@
 """Mappings by components: the identity, by names (paper E7), by position."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
-from typing import Any, overload
+from typing import Any, Literal, overload
 
 import gymnasium as gym
 import numpy as np
 
 from curricle.arrays import IntArray
 from curricle.checks import brief, instance, one_of
-from curricle.errors import CurricleError, MappingError
+from curricle.errors import CurricleError, MappingError, TaskError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import ObservationTask, stable_text
 from curricle.tasks.spaces import MISSING, Component, Space
+from curricle.tasks.start_states import goal_states
 from curricle.transfer.mapping import (
     ObservationMapping,
     PairMapping,
@@ -31,6 +32,9 @@ from curricle.transfer.pair import Proposal, TaskPair
 LARGEST_INDEX = 500_000_000  # target pairs for which an index array is made (4 GB)
 UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
 """Treatment of values that the source lacks -> its description."""
+Aligned = Mapping[str, Literal["first", "last"] | int]
+"""Component of the states -> the end at which its two ranges are aligned, or the number that is
+added to a value of the target."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,7 +43,9 @@ class ComponentMapping(PairMapping):
 
     It suits targets of any size: learning reads the source through :meth:`lookups`, and the index
     array is made only at first use. `renaming` maps source components to target components with
-    other names; `unequal` is as in :class:`ComponentsByName`.
+    other names; `unequal` is as in :class:`ComponentsByName`. `aligned` shifts components of the
+    source's states: their "first" or "last" values correspond, or a number is added to the
+    target's.
 
     Examples
     --------
@@ -55,6 +61,7 @@ class ComponentMapping(PairMapping):
     unmapped_value: float | None = None
     unequal: Unequal = "unmapped"
     knows_target: bool = False
+    aligned: Aligned = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         target, source = self.target, self.source
@@ -71,7 +78,16 @@ class ComponentMapping(PairMapping):
         for space, other in ((target.states, source.states), (target.actions, source.actions)):
             for component in other.components:
                 _origin(space, component, self.renaming)
+        for name, end in self.aligned.items():
+            if name not in source.states.names:
+                raise MappingError(
+                    "aligned names components of the source's states, "
+                    f"{', '.join(source.states.names)}: got {name!r}"
+                )
+            if end not in ("first", "last") and type(end) is not int:
+                raise MappingError(f"aligned must be first, last or a whole number: got {end!r}")
         object.__setattr__(self, "renaming", dict(self.renaming))
+        object.__setattr__(self, "aligned", dict(self.aligned))
 
     @property
     def _read(self) -> dict[str, str]:
@@ -85,6 +101,7 @@ class ComponentMapping(PairMapping):
         kept = " and ".join(name for name, origin in self._read.items() if name == origin)
         phrases = [f"{name} is {origin}" for name, origin in self._read.items() if name != origin]
         phrases += [f"{kept} by name"] if kept else []
+        phrases += [aligned_text(self.aligned)] if self.aligned else []
         unequal = "" if self.unequal == "unmapped" else f"; {UNEQUAL[self.unequal]}"
         return ", ".join(phrases) + unequal
 
@@ -100,7 +117,8 @@ class ComponentMapping(PairMapping):
         for space, other in ((target.states, source.states), (target.actions, source.actions)):
             for component in other.components:
                 origin = _origin(space, component, self.renaming)
-                if _disjoint(origin, component, self.unequal):
+                apart = _disjoint(origin, component, self.unequal)
+                if apart and component.name not in self.aligned:
                     target_values = f"{origin.name} of the target runs from {origin.ends}"
                     source_values = f"{component.name} of the source from {component.ends}"
                     return f"no value is in both tasks: {target_values}, and {source_values}"
@@ -119,7 +137,8 @@ class ComponentMapping(PairMapping):
                 f"{pairs:,}, which learners read one by one"
             )
         target, source = self.target, self.source
-        state = source_points(target.states, source.states, self.renaming, self.unequal)
+        shifts = self.renaming, self.unequal, self.aligned
+        state = source_points(target.states, source.states, *shifts)
         return pair_mapping(target, source, state[:, None], self.actions).index
 
     @cached_property
@@ -140,7 +159,7 @@ class ComponentMapping(PairMapping):
         offsets = {part.name: np.zeros(part.size, np.int64) for part in target.components}
         for component, stride in zip(source.components, source.strides, strict=True):
             origin = _origin(target, component, self.renaming)
-            value = _values_of(origin, component, self.unequal) - component.low
+            value = _values_of(origin, component, self.unequal, self.aligned) - component.low
             offset = offsets[origin.name]
             missing = (value < 0) | (value >= component.size) | (offset == MISSING)
             offsets[origin.name] = np.where(missing, MISSING, offset + value * stride)
@@ -149,17 +168,26 @@ class ComponentMapping(PairMapping):
     def __repr__(self) -> str:
         shown = [f"{name}={origin}" for name, origin in self._read.items()]
         shown += [] if self.unequal == "unmapped" else [f"unequal={self.unequal!r}"]
+        shown += [f"aligned={self.aligned}"] if self.aligned else []
         return f"ComponentMapping({', '.join(shown)})"
 
 
 def project(
-    target: Task, source: Task, *, unmapped_value: float | None = None, **renaming: str
+    target: Task,
+    source: Task,
+    *,
+    unmapped_value: float | None = None,
+    unequal: Unequal = "unmapped",
+    aligned: Aligned | None = None,
+    **renaming: str,
 ) -> ComponentMapping:
     """Return the mapping that reads source components from target components by name (paper E7).
 
     Components of states and actions correspond if they have the same name, or if `renaming` has
     ``source_component="target_component"``. If both have labels, equal labels correspond. Values
-    that the source lacks leave a pair unmapped (see :class:`StateActionMapping`).
+    that the source lacks leave a pair unmapped (see :class:`StateActionMapping`), or are treated as
+    `unequal` says (see :class:`ComponentsByName`). ``aligned={"row": "last"}`` lets the last rows of
+    both tasks correspond, ``aligned={"row": -4}`` row 6 of the target and row 2 of the source.
 
     Raises
     ------
@@ -176,7 +204,8 @@ def project(
     >>> chase.states.label(pair // 5), chase.actions.label(pair % 5)
     ('prey=(2,1) predator=(0,3)', 'predator=east')
     """
-    mapping = ComponentMapping(target, source, renaming, unmapped_value)
+    aligned = {} if aligned is None else aligned
+    mapping = ComponentMapping(target, source, renaming, unmapped_value, unequal, aligned=aligned)
     if mapping.why_empty:
         raise MappingError(
             f"a mapping by name must map some pair: {mapping.why_empty}; give both tasks the same "
@@ -186,13 +215,17 @@ def project(
 
 
 def source_points(
-    target: Space, source: Space, renaming: Mapping[str, str], unequal: Unequal = "unmapped"
+    target: Space,
+    source: Space,
+    renaming: Mapping[str, str],
+    unequal: Unequal = "unmapped",
+    aligned: Aligned | None = None,
 ) -> IntArray:
     """Return the source point of each target point, `MISSING` where there is none."""
     values, read = target.decode(), {}
     for component in source.components:
         origin = _origin(target, component, renaming)
-        counterparts = _values_of(origin, component, unequal)
+        counterparts = _values_of(origin, component, unequal, aligned or {})
         read[component.name] = counterparts[values[origin.name] - origin.low]
     return source.encode(**read)
 
@@ -222,10 +255,14 @@ def _disjoint(origin: Component, component: Component, unequal: Unequal) -> bool
     return unequal == "unmapped" and apart
 
 
-def _values_of(origin: Component, component: Component, unequal: Unequal) -> IntArray:
+def _values_of(
+    origin: Component, component: Component, unequal: Unequal, aligned: Aligned
+) -> IntArray:
     """Return the source value of each target value; equal labels correspond if both have labels."""
-    if component.labels is None or origin.labels is None:
-        values = np.arange(origin.size) + origin.low
+    if component.name in aligned or component.labels is None or origin.labels is None:
+        end = aligned.get(component.name, 0)
+        shifts = {"first": component.low - origin.low, "last": component.high - origin.high}
+        values = np.arange(origin.size) + origin.low + (shifts[end] if isinstance(end, str) else end)
         if unequal == "clip":
             return np.clip(values, component.low, component.high)
         if unequal == "scale":
@@ -466,6 +503,7 @@ BY_NAME: dict[Unequal, str] = {
     "scale": "components by name, unequal ranges scaled",
     "clip": "components by name, unequal ranges clipped",
 }
+ALIGNED: dict[Unequal, str] = {"unmapped": "", "clip": ", clipped"}
 MOST_UNEQUAL = 3  # most components of unequal ranges that are aligned
 
 
@@ -504,29 +542,73 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
     ['components by name, last column aligned', 'components by name, last column aligned, clipped']
     """
     target, source = tasks.target.states, tasks.source.states
-    values = target.decode()
-    actions = source_points(tasks.target.actions, tasks.source.actions, {})
     unequal = []
     for component in source.components:
         origin = _origin(target, component, {})
         same = (origin.size, origin.low) == (component.size, component.low)
         if not same and origin.labels is None:
-            unequal.append(component.name)
+            unequal.append(component)
     if not unequal or len(unequal) > MOST_UNEQUAL:
         raise MappingError(
             f"ranges are aligned where 1 to {MOST_UNEQUAL} components differ: got {len(unequal)}"
         )
     for ends in product(("first", "last"), repeat=len(unequal)):
-        aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(source.names, 0)
-        for name, end in aligned.items():
-            part, origin = source.component(name), target.component(name)
-            offsets[name] = part.low - origin.low if end == "first" else part.high - origin.high
-        if set(ends) == {"first"} and not any(offsets.values()):
+        aligned = {part.name: end for part, end in zip(unequal, ends, strict=True)}
+        if set(ends) == {"first"} and all(
+            part.low == target.component(part.name).low for part in unequal
+        ):
             continue  # :func:`by_name` yields this mapping
-        read = {name: values[name] + offset for name, offset in offsets.items()}
-        inside = {c.name: np.clip(read[c.name], c.low, c.high) for c in source.components}
-        how = f"components by name, {' and '.join(f'{e} {name}' for name, e in aligned.items())}"
-        for points, ending in ((read, "aligned"), (inside, "aligned, clipped")):
-            state = source.encode(**points)
-            index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
-            yield tasks.proposal(index, f"{how} {ending}")
+        yield from _aligned(tasks, aligned)
+
+
+def at_goal(tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield mappings by name in which the goals of both tasks correspond.
+
+    The goal is the end that is entered with the largest reward (:func:`goal_distance`). A component
+    in which the goal has one value in both tasks is read at the same distance from it.
+
+    Raises
+    ------
+    MappingError
+        When the target lacks a component of the source, or no component is shifted.
+
+    Examples
+    --------
+    >>> tasks = TaskPair(GridWorld("S...T."), GridWorld("S.T"))
+    >>> [proposal.how for proposal in at_goal(tasks)]
+    ['components by name, column - 2 aligned', 'components by name, column - 2 aligned, clipped']
+    """
+    shifts = dict[str, int]()
+    try:
+        goals = [mdp.states.decode(np.flatnonzero(goal_states(mdp))) for mdp in tasks.models]
+    except TaskError as error:
+        raise MappingError(str(error)) from None
+    for component in tasks.source.states.components:
+        origin = _origin(tasks.target.states, component, {})
+        there, here = (
+            {*goal[part.name].tolist()} for goal, part in zip(goals, (origin, component), strict=True)
+        )
+        if len(there) == len(here) == 1 and origin.labels is None:
+            shifts[component.name] = min(here) - min(there)
+    shifts = {name: shift for name, shift in shifts.items() if shift}
+    if not shifts:
+        raise MappingError("goals are aligned where each has one place, and these differ")
+    yield from _aligned(tasks, shifts)
+
+
+def _aligned(tasks: TaskPair, aligned: Any) -> Iterator[Proposal]:
+    how = f"{BY_NAME['unmapped']}, {aligned_text(aligned)}"
+    for unequal, ending in ALIGNED.items():
+        mapping = ComponentMapping(
+            tasks.target, tasks.source, {}, unequal=unequal, aligned=aligned
+        )
+        yield Proposal(mapping, how + ending)
+
+
+def aligned_text(aligned: Aligned) -> str:
+    """Return which components are aligned, as in "first row and last column aligned"."""
+    phrases = (
+        f"{end} {name}" if isinstance(end, str) else f"{name} {'-' if end < 0 else '+'} {abs(end)}"
+        for name, end in aligned.items()
+    )
+    return f"{' and '.join(phrases)} aligned"

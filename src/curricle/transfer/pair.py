@@ -51,6 +51,11 @@ class TaskPair:
                 mdp = replace(mdp, discount=1 - 1 / max(2, mdp.time_limit or ENDLESS))
             object.__setattr__(self, f"{role}_mdp", mdp)
 
+    @property
+    def models(self) -> tuple[FiniteMDP, FiniteMDP]:
+        """The tables of the target and of the source."""
+        return self.target_mdp, self.source_mdp
+
     @cached_property
     def target_solution(self) -> Solution:
         """Exact values of the target."""
