@@ -376,6 +376,8 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
     a_step = next(cost.step_seconds for cost in costing if cost.task == arms.target)
     # Sources that several arms share are trained once.
     memory, trained = Memory(), dict[tuple[str, tuple[int, ...]], SourceValues]()
+    if not any(curriculum.has_potential(arms.target) for curriculum in study.curricula.values()):
+        print_text("no forecast: no arm has a source; the study compares learners without one")
     for name in first.values():
         # Not the curriculum in `arms`, whose target has the total: a trial adds sources' steps.
         curriculum = study.curricula[name]

@@ -117,7 +117,8 @@ def compare(
     All arms have the same total budget: the target's budget, plus the steps that the most expensive
     arm spends on its sources (or can spend at most, if a source's budget is in episodes). Opponents
     spend the whole total in the target; every other arm spends there the steps that its sources
-    leave, seed by seed. A curriculum pays if it gains more than each opponent.
+    leave, seed by seed. A curriculum pays if it gains more than each opponent. An arm without any
+    source or potential is an opponent too; it is left out if it learns as scratch does.
     An arm that fails is listed in ``Comparison.failed``; an error of scratch, or of all arms,
     is raised.
 
@@ -253,7 +254,7 @@ def trained_comparison(
                 failed[name] = error
             else:
                 bars.tell(name)
-    if all(arm.scratch for arm in arms.values()):
+    if failed and all(arm.scratch for arm in arms.values()):
         raise next(iter(failed.values()))
     arms = {name: arms[name] for name in plan.arms if name in arms}
     reference = reference.after(arms[SCRATCH].curve)

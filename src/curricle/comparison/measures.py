@@ -381,8 +381,8 @@ class MeasuredArms:
 
     @cached_property
     def best_opponents(self) -> tuple[str, ...]:
-        """The opponents that are the best opponent of at least one curriculum."""
-        best = {self.best_opponent(name) for name in self.controls}
+        """The best opponents of curricula; the best learner where no arm has a source."""
+        best = {self.best_opponent(name) for name in self.controls or [self.baseline]}
         return tuple(name for name in self.scratches if name in best)
 
     @cached_property
@@ -479,6 +479,14 @@ class MeasuredArms:
     def knowledge_verdicts(self) -> dict[str, Verdict]:
         """Whether each curriculum gains more than all of its placebos and constants."""
         return self._verdicts(self.know_nothing)
+
+    @cached_property
+    def best_learner(self) -> Verdict | None:
+        """Whether the best learner gains more than all others, where no arm has a source."""
+        # All are asked, so that Holm's rule corrects for the choice of the best.
+        others = {name: tuple({*self.scratches} - {name}) for name in self.scratches}
+        (best,) = self.best_opponents if not self.controls else ("",)
+        return self._verdicts(others).get(best) if best and others[best] else None
 
     @cached_property
     def unrelated_verdicts(self) -> dict[str, Verdict]:

@@ -156,7 +156,12 @@ class Plan:
             arms.append((f"{SCRATCH}, {label}", PlannedArm(curriculum, *keys, scratch=True)))
         for name, curriculum in curricula.items():
             whole = as_long(curriculum)
-            arms.append((name, PlannedArm(whole, *keys_of(name, whole, ""))))
+            # Without a source or a potential an arm is a learner from scratch: an opponent.
+            alone = bool(scratches) and compared and not whole.has_potential(target)
+            own = whole.setting("learner", target)
+            if alone and own in (arm.curriculum.setting("learner", target) for _, arm in arms):
+                continue  # an opponent learns as it does
+            arms.append((name, PlannedArm(whole, *keys_of(name, whole, ""), scratch=alone)))
             kinds = {False: control_arms(controls, whole), True: constants_of(opponents, whole)}
             for free, changes in kinds.items():
                 for label, changed in changes:

@@ -228,6 +228,8 @@ def _verdict(arms: MeasuredArms, row: Row) -> str:
         return f"{verdict}, {row['reason']}" if row["reason"] else verdict
     if name not in arms.best_opponents or len(arms.scratches) == 1 or arms.nobody:
         return ""
+    if not arms.controls:
+        return "the best learner"
     over = [arm for arm in arms.controls if arms.best_opponent(arm) == name]
     of = "" if len(over) == len(arms.controls) else f" of {', '.join(over)}"
     return f"the best opponent{of}: gains are over it"
@@ -282,7 +284,7 @@ def title(arms: MeasuredArms) -> str:
 
 def lines_below(arms: MeasuredArms) -> list[str]:
     """Return what stands below the table: what was not learnt, controls, and clusters of seeds."""
-    lines = [nothing_learnt(arms), _looks(arms), _other_opponents(arms)]
+    lines = [nothing_learnt(arms), best_learner(arms), _looks(arms), _other_opponents(arms)]
     lines += dict.fromkeys(headroom_sentence(arms, name) for name in arms.controls)
     lines += [saved_sentence(arms, name) for name in arms.controls]
     costly = (name for name, verdict in arms.verdicts.items() if verdict.direction < 0)
@@ -323,6 +325,17 @@ def nothing_learnt(arms: MeasuredArms) -> str:
         f"no arm reaches the threshold of {arms.threshold:.4g} in any seed, so that the gains "
         f"are between arms that did not learn: all may need a larger budget{lower}"
     )
+
+
+def best_learner(arms: MeasuredArms) -> str:
+    """Return the verdict of arms without a source, which name the best learner; else empty."""
+    if arms.controls or arms.nobody:
+        return ""
+    learner, written = _without_source(arms, arms.baseline)
+    in_file = f" (in a study file: {written.rstrip(', ')})" * bool(written and not arms.remarks)
+    verdict = arms.best_learner
+    sure = "" if verdict is None else f"; better than each other learner: {verdict}"
+    return f"no arm has a source; the best learner without one is {learner}{in_file}{sure}"
 
 
 def _looks(arms: MeasuredArms) -> str:
@@ -504,6 +517,8 @@ def _paid(arms: MeasuredArms) -> str:
         return ""
     if arms.withheld:
         return _sentence(arms.withheld)
+    if not verdicts:
+        return _sentence(best_learner(arms))
     paid = [name for name, verdict in verdicts.items() if verdict.direction > 0]
     harmed = [name for name, verdict in verdicts.items() if verdict.direction < 0]
     undecided = len(verdicts) - len(paid) - len(harmed)

@@ -165,10 +165,8 @@ WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 
 
 def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -> str:
-    """Return the page of a study, an interim page with a `banner`; StoreError without arms."""
+    """Return the page of a study, an interim page with a `banner`."""
     comparison, analysis = study.comparison, study.analysis
-    if not comparison.contrasts:
-        raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
     learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
     curricula = study.record.only(learnt)
     reasons = {
@@ -489,6 +487,8 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
 def forest(answers: Sequence[sentences.Finding]) -> tuple[float, dict[str, list[float]]]:
     """Return the positions of 0 and each gain's low, estimate and high, in percent of an axis."""
     gains = [finding.gain for finding in answers]
+    if not gains:
+        return 0.0, {}
     low, middle, high = np.array([(g.low, g.estimate, g.high) for g in gains], float).T
     # One seed has no interval.
     ends = np.stack([np.where(np.isnan(low), middle, low), middle, np.fmax(middle, high)], axis=1)
