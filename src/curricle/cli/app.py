@@ -171,7 +171,7 @@ def new(
         from curricle.progress import compilation
 
         compilation().prints = True
-    _, text, notes = new_study(kind, path.parent)
+    _, text, notes = new_study(kind, path.parent, lambda step: echo(f"... {step}", err=True))
     try:
         with path.open("x", encoding="utf-8") as written:
             written.write(text)

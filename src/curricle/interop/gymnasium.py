@@ -437,7 +437,7 @@ def with_names(space: Space, names: Sequence[str], sizes: object = None) -> Spac
         )
     if space.is_box:
         return split
-    # Tables may lack states, the last ones too, and hold them in the order in which they were found.
+    # Tables may lack states, the last ones too, and hold them in the order of the search.
     points = np.stack(np.unravel_index(space.points[:, 0], split.shape), axis=1)
     return Space(split.components, points)
 

@@ -33,7 +33,7 @@ from curricle.checks import listed
 from curricle.comparison import sentences
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.plan import seed_ranges
-from curricle.errors import SettingError, StoreError, in_words
+from curricle.errors import StoreError, in_words
 from curricle.files import Place, place_at, write_whole
 from curricle.show.graph import graphs
 from curricle.show.plots import (

@@ -186,8 +186,8 @@ def project(
     Components of states and actions correspond if they have the same name, or if `renaming` has
     ``source_component="target_component"``. If both have labels, equal labels correspond. Values
     that the source lacks leave a pair unmapped (see :class:`StateActionMapping`), or are treated as
-    `unequal` says (see :class:`ComponentsByName`). ``aligned={"row": "last"}`` lets the last rows of
-    both tasks correspond, ``aligned={"row": -4}`` row 6 of the target and row 2 of the source.
+    `unequal` says (see :class:`ComponentsByName`). With ``aligned={"row": "last"}`` the last rows
+    of both correspond, with ``aligned={"row": -4}`` row 6 of the target and row 2 of the source.
 
     Raises
     ------
@@ -261,8 +261,8 @@ def _values_of(
     """Return the source value of each target value; equal labels correspond if both have labels."""
     if component.name in aligned or component.labels is None or origin.labels is None:
         end = aligned.get(component.name, 0)
-        shifts = {"first": component.low - origin.low, "last": component.high - origin.high}
-        values = np.arange(origin.size) + origin.low + (shifts[end] if isinstance(end, str) else end)
+        ends = {"first": component.low - origin.low, "last": component.high - origin.high}
+        values = np.arange(origin.size) + origin.low + (ends[end] if isinstance(end, str) else end)
         if unequal == "clip":
             return np.clip(values, component.low, component.high)
         if unequal == "scale":
@@ -585,11 +585,9 @@ def at_goal(tasks: TaskPair) -> Iterator[Proposal]:
         raise MappingError(str(error)) from None
     for component in tasks.source.states.components:
         origin = _origin(tasks.target.states, component, {})
-        there, here = (
-            {*goal[part.name].tolist()} for goal, part in zip(goals, (origin, component), strict=True)
-        )
-        if len(there) == len(here) == 1 and origin.labels is None:
-            shifts[component.name] = min(here) - min(there)
+        wanted, own = ({*goal[component.name].tolist()} for goal in goals)
+        if len(wanted) == len(own) == 1 and origin.labels is None:
+            shifts[component.name] = min(own) - min(wanted)
     shifts = {name: shift for name, shift in shifts.items() if shift}
     if not shifts:
         raise MappingError("goals are aligned where each has one place, and these differ")
@@ -599,9 +597,7 @@ def at_goal(tasks: TaskPair) -> Iterator[Proposal]:
 def _aligned(tasks: TaskPair, aligned: Any) -> Iterator[Proposal]:
     how = f"{BY_NAME['unmapped']}, {aligned_text(aligned)}"
     for unequal, ending in ALIGNED.items():
-        mapping = ComponentMapping(
-            tasks.target, tasks.source, {}, unequal=unequal, aligned=aligned
-        )
+        mapping = ComponentMapping(tasks.target, tasks.source, {}, unequal=unequal, aligned=aligned)
         yield Proposal(mapping, how + ending)
 
 

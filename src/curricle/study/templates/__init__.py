@@ -1,5 +1,7 @@
 """Templates of studies: commented files, and a file for any environment."""
 
+import tomllib
+from collections.abc import Callable
 from importlib import import_module
 from importlib.resources import files
 from importlib.util import find_spec
@@ -14,17 +16,22 @@ KINDS = {
 """Name of a ready file, which runs unchanged -> its subject."""
 
 
-def new_study(kind: str, folder: Path = Path()) -> tuple[str, str, list[str]]:
+def new_study(
+    kind: str, folder: Path = Path(), say: Callable[[str], object] = lambda _: None
+) -> tuple[str, str, list[str]]:
     """Return a file's name and text, and sentences on its environment; or ConfigError.
 
     `kind` is a ready file, an id of Gymnasium's registry, or a class or function of one's own as
-    ``module:Class``, whose module is looked for in the folder.
+    ``module:Class``, whose module is looked for in the folder. `say` is called with each step.
     """
     if kind in KINDS:
         return file_name(kind), template(kind), []
     # Imported here, as a ready file and the command's help need no more of the library.
     from curricle.errors import ConfigError
+    from curricle.study.arms import Arms
+    from curricle.study.config import configured
     from curricle.study.templates.environment import environment_study
+    from curricle.study_file.file import Positions
     from curricle.study_file.own_code import load, suggestion
 
     if kind.isalpha() and kind.islower() and (meant := suggestion(kind, KINDS)):
@@ -32,8 +39,11 @@ def new_study(kind: str, folder: Path = Path()) -> tuple[str, str, list[str]]:
     _, colon, last = kind.rpartition(":")
     is_code = bool(colon) and last.isidentifier()
     name = kind if is_code else _known(kind)
-    text, notes = environment_study(name, load(name, folder) if is_code else name)
-    return file_name(kind), text, notes
+    text, notes = environment_study(name, load(name, folder) if is_code else name, say)
+    say("building the study, as curricle check does (at most as long as its states took)")
+    file = file_name(kind)
+    Arms.of(configured(tomllib.loads(text), folder, Positions(file, text)))
+    return file, text, notes
 
 
 def file_name(kind: str) -> str:

@@ -1,16 +1,19 @@
 """A study of an environment: how it is learnt, what its numbers are called, and easier variants.
 
 The environment is played a little, its states are searched for a few seconds, and variants that its
-constructor's arguments make are learnt: those are easier that take fewer steps.
+constructor's arguments make are learnt: those are easier that take fewer steps. Tables of both
+score the mappings from the target to a variant; a variant that no mapping fits is left out.
 """
 
 import json
 import math
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from copy import deepcopy
+from dataclasses import replace
 from functools import partial
 from inspect import signature
 from textwrap import fill
@@ -25,7 +28,7 @@ from scipy.ndimage import uniform_filter1d
 from curricle.candidates.candidates import Judged, judged, same_up_to_homomorphism
 from curricle.comparison.opponents import visited_states
 from curricle.curriculum.curriculum import SOURCES_SHARE
-from curricle.errors import ConfigError, TaskError
+from curricle.errors import ConfigError, MappingError, TaskError
 from curricle.interop.gymnasium import (
     actions_of,
     from_gymnasium,
@@ -34,10 +37,18 @@ from curricle.interop.gymnasium import (
     names_of,
     opened,
     space_of,
+    with_names,
 )
 from curricle.interop.minigrid import is_minigrid
-from curricle.interop.states import DeepCopy, Words, counters_of, time_limit_of, words_of_state
-from curricle.interop.tabulated_task import parts_of, same_observation
+from curricle.interop.states import (
+    MORE_RESETS,
+    DeepCopy,
+    Words,
+    counters_of,
+    time_limit_of,
+    words_of_state,
+)
+from curricle.interop.tabulated_task import TabulatedTask, parts_of, same_observation
 from curricle.interop.tabulation import tabulate
 from curricle.learning.learners import QLearning
 from curricle.learning.run import learn
@@ -46,22 +57,32 @@ from curricle.study_file.own_code import users_code
 from curricle.tasks.live import action_mask, checked_parts, is_live, seeded_reset
 from curricle.tasks.mdp import tables
 from curricle.tasks.observation_task import EnvironmentMaker, check_observation
-from curricle.transfer.by_components import project
+from curricle.tasks.start_states import GoalDistance, goal_distance, with_start
+from curricle.text import counted
+from curricle.transfer.by_components import at_goal, by_alignment, by_name, project
+from curricle.transfer.search import FoundMapping, clears_bar, find_mappings
 
 DISCOUNT = 0.99
 LIMIT = 500  # time limit of an environment that has none
 SECONDS = 10.0  # to find the states of the environment, and again to try its variants
+SMALL = 2.0  # to find the states of a variant by which it is judged, where the target is live
 PLAYED, EPISODES, LONGEST = 2.0, 6, 1_000  # play: seconds, episodes, and steps of an episode
 SAMPLED = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}  # options of `tabulate` for random steps
 BUDGETS: tuple[int, ...] = 10_000, 100_000, 1_000_000  # steps, tried until a task is learnt
 LIVE = (20_000,)  # the same for a live task
+SCORED = 200_000  # pairs of the target up to which the mappings of its variants are scored
+GRID = ("row", "column")  # names of a state that is one number, row * columns + column
+NEAR = "near_the_goal"  # the source whose episodes start near the goal
 TRIED, CHECKS = 3, 20  # seeds and checkpoints of such a trial
 QUICK = 5_000  # steps a second from which on a live task is tried
 SMOOTH, NOISE = 5, 2.0  # its checkpoints in a mean; standard deviations that its return must gain
 LEARNT = 0.9  # of the way from the random policy's return to the optimum
 SOONER, MOST = 0.8, 3  # share of the target's steps that an easier variant may take; variants
 KEYS = {"state": "ignore", "seeds": "reset_seeds"}  # of a study file, for options of functions
+RESETS = tuple(range(1 + MORE_RESETS))  # seeds of the resets where these differ
 LIMITS = "steps|limit|horizon|length"  # in names of attributes that say how long episodes are
+NOT_SCORED = "a guess: components of the same name correspond, which is not scored"
+NONE_FOUND = "no easier relative was found"
 NO_TASK = "seed|step|limit|fps|render|time|horizon|pixel|debug|path"
 """In names of arguments that change no task."""
 
@@ -88,8 +109,7 @@ class Play:
         env, rng, states = self.env, np.random.default_rng(seed), list[Any]()
         over = cut = False
         observed, info = checked_parts("reset", seeded_reset(env, seed))
-        if is_discrete(env.observation_space):
-            check_observation(env.observation_space, observed)
+        check_observation(env.observation_space, observed)
         self.masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
         while True:
             leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
@@ -104,6 +124,8 @@ class Play:
             allowed = np.flatnonzero(action_mask(env, info, n)) if self.masks else n
             action = self.act(int(rng.choice(allowed)))
             observed, _, over, cut, info = checked_parts("step", env.step(action))
+            if len(states) == 1:
+                check_observation(env.observation_space, observed)
 
     @property
     def whole(self) -> bool:
@@ -172,6 +194,8 @@ class Variant(NamedTuple):
     task: Any
     judgement: Judged | None  # of tables
     steps: float  # infinite where it is not learnt
+    # The best mapping from the target, by whether states are read in rows; None where unscored.
+    mappings: dict[bool, FoundMapping | None]
 
 
 def _variant(
@@ -197,8 +221,38 @@ def _variant(
                 continue
         near = curve >= low + LEARNT * (high - low)
         if near[-1] or (judgement is None and near.any()):  # in tables chance finds do not count
-            return Variant(arguments, task, judgement, float(learning.steps[near.argmax()]))
-    return Variant(arguments, task, judgement, math.inf)
+            return Variant(arguments, task, judgement, float(learning.steps[near.argmax()]), {})
+    return Variant(arguments, task, judgement, math.inf, {})
+
+
+def _judged_in_tables(
+    ways: Sequence["partial[Any]"],
+    recipe: Recipe,
+    trial: Callable[[dict[str, Any], Any], Variant],
+    arguments: dict[str, Any],
+    task: Any,
+) -> Variant:
+    """Return a live variant, judged by its tables where it is small enough to have some."""
+    for way in ways if arguments else ():
+        with suppress(TaskError):
+            table = _made(way, recipe, arguments, SMALL)
+            return trial(arguments, table)._replace(task=task)
+    return trial(arguments, task)
+
+
+def near_the_goal(
+    target: Variant, trial: Callable[[dict[str, Any], Any], Variant]
+) -> tuple[int, Variant] | None:
+    """Return the task with starts near its goal, and how near, if it is learnt sooner so."""
+    if target.judgement is None or target.judgement.refusal:
+        return None
+    with suppress(TaskError):  # a task may have no goal
+        start = target.judgement.mdp.start > 0
+        far = int(goal_distance(target.task)[start].max())
+        near = trial({}, with_start(target.task, GoalDistance(1, max(1, far // 3))))
+        if far > 1 and 0 < near.steps <= SOONER * target.steps and near.steps < math.inf:
+            return max(1, far // 3), near
+    return None
 
 
 def easier(
@@ -206,23 +260,78 @@ def easier(
     make: Callable[[dict[str, Any], float], Any],
     others: Iterator[dict[str, Any]],
     trial: Callable[[dict[str, Any], Any], Variant],
-) -> list[Variant]:
-    """Return variants that are learnt sooner and that the target can read by name."""
-    kept, ends = list[Variant](), time.perf_counter() + SECONDS
+) -> tuple[list[Variant], bool, list[Variant]]:
+    """Return variants that are learnt sooner and that the target can read.
+
+    Also whether all states are read in rows and columns, and the variants that no mapping fits.
+    """
+    kept, unread, ends = list[Variant](), list[Variant](), time.perf_counter() + SECONDS
+    views = {False: target.task, True: in_rows(target.task)}
+    views = {rows: task for rows, task in views.items() if task is not None}
+
+    def readable(rows: bool) -> list[Variant]:
+        return [variant for variant in kept if rows in variant.mappings]
+
     for arguments in others:
-        if (seconds := ends - time.perf_counter()) <= 0 or len(kept) == MOST:
+        seconds = ends - time.perf_counter()
+        if seconds <= 0 or max(len(readable(rows)) for rows in views) == MOST:
             break
         try:
             variant = trial(arguments, make(arguments, seconds))
-            mapped = project(target.task, variant.task).mapped_states()
+            sooner = 0 < variant.steps < math.inf and variant.steps <= SOONER * target.steps
+            if not sooner or any(_same(variant, other) for other in (target, *kept, *unread)):
+                continue
+            for rows, task in views.items():
+                source = in_rows(variant.task) if rows else variant.task
+                if source is not None:
+                    with suppress(MappingError):
+                        variant.mappings[rows] = mapped(task, source)
         except Exception:  # a constructor may refuse arguments in any way
             continue
-        sooner = 0 < variant.steps < math.inf and variant.steps <= SOONER * target.steps
-        if not sooner or any(_same(variant, other) for other in (target, *kept)):
-            continue
-        if mapped[visited_states(target.task, dense=True)].any():
-            kept.append(variant)
-    return kept
+        (kept if variant.mappings else unread).append(variant)
+    rows = max(views, key=lambda rows: (len(readable(rows)), *_worth(readable(rows), rows)))
+    return readable(rows), rows, unread
+
+
+def _worth(variants: Sequence[Variant], rows: bool) -> list[float]:
+    """Return the summed worth of the mappings of variants; nothing where they are unscored."""
+    found = [mapping for variant in variants if (mapping := variant.mappings[rows])]
+    return [sum(mapping.scores.worth for mapping in found)]
+
+
+def mapped(target: Any, source: Any) -> FoundMapping | None:
+    """Return the best mapping by components, None for that by name of tasks without tables.
+
+    MappingError if no mapping fits.
+    """
+    scored = not (is_live(target) or is_live(source))
+    if scored and target.states.size * target.actions.size <= SCORED:
+        found = find_mappings(target, source, searches=(by_name, by_alignment, at_goal), keep=1)
+        if not len(found) or not clears_bar(found[0].scores):
+            raise MappingError("no mapping by components clears the bar")
+        return found[0]
+    if not project(target, source).mapped_states()[visited_states(target, dense=True)].any():
+        raise MappingError("no state that is visited is mapped")
+    return None
+
+
+def in_rows(task: Any) -> Any:
+    """Return a tabulated task whose states, one number each, are rows and columns; or None.
+
+    The width is the commonest change of the number by more than 1 in a step.
+    """
+    number, *more = task.states.components
+    if not isinstance(task, TabulatedTask) or more or number.labels or number.low < 0:
+        return None
+    mdp, (values,) = task.mdp, task.states.decode().values()
+    rows = mdp.outcome_row[~mdp.terminal]
+    moves = abs(values[mdp.next_state[rows]] - values[~mdp.terminal][:, None, None])
+    counts = Counter(moves[mdp.probability[rows] > 0].tolist())
+    width = max((move for move in counts if move > 1), key=lambda move: counts[move], default=0)
+    if not counts[1] or not 1 < width <= number.high:
+        return None
+    states = with_names(task.states, GRID, (number.high // width + 1, width))
+    return replace(task, mdp=replace(mdp, states=states))
 
 
 def _same(variant: Variant, other: Variant) -> bool:
@@ -257,19 +366,27 @@ def _others(value: object) -> list[Any]:
 # -- The file --------------------------------------------------------------------------------------
 
 
-def environment_study(name: str, recipe: Recipe) -> tuple[str, list[str]]:
-    """Return a study of an environment, and sentences on what was seen of it."""
+def environment_study(
+    name: str, recipe: Recipe, say: Callable[[str], object] = lambda _: None
+) -> tuple[str, list[str]]:
+    """Return a study of an environment, and sentences on what was seen of it.
+
+    `say` is called with each step before it begins, and the longest that it may take.
+    """
     try:
         with users_code(name), opened(recipe, EnvironmentMaker(recipe)) as env:
-            return _study(name, recipe, env)
+            return _study(name, recipe, env, say)
     except ConfigError as error:
         hint = "; give its arguments defaults, or name a function without arguments that makes it"
         raise ConfigError(f"{error}{hint * ('required positional' in str(error))}") from None
 
 
-def _study(name: str, recipe: Recipe, env: Env[Any, Any]) -> tuple[str, list[str]]:
+def _study(
+    name: str, recipe: Recipe, env: Env[Any, Any], say: Callable[[str], object]
+) -> tuple[str, list[str]]:
     if not is_discrete(env.action_space):
         return _of_network(name, recipe, env, [], "its actions are no whole numbers")
+    say(f"playing {EPISODES} episodes of random actions (at most {PLAYED:.0f} s)")
     play, notes, task = Play(env), list[str](), None
     if not play.follows_seed:
         notes.append(
@@ -277,7 +394,11 @@ def _study(name: str, recipe: Recipe, env: Env[Any, Any]) -> tuple[str, list[str
             "repeated: let reset call super().reset(seed=seed), and draw from self.np_random alone"
         )
     refusal, began = "" if play.whole else "its observations are no whole numbers", time.time()
-    for way in _ways(env, play):
+    ways = _ways(env, play)
+    for way in ways:
+        if way.func is tabulate:
+            sampled = ", sampling steps" * ("samples" in way.keywords)
+            say(f"searching for its states{sampled} (at most {SECONDS:.0f} s)")
         try:
             task = _made(way, recipe, {}, SECONDS)
             break
@@ -302,6 +423,11 @@ def _study(name: str, recipe: Recipe, env: Env[Any, Any]) -> tuple[str, list[str
             notes.append(
                 f"{named} counts steps and is no part of a state; time_limit ends episodes"
             )
+        if task.record.several:
+            say(f"searching from {len(RESETS)} resets, which differ (at most {SECONDS:.0f} s)")
+            way, task, note = _of_several_resets(way, task, recipe)
+            notes.append(note)
+    say(f"learning it with {TRIED} seeds (at most {max(budgets, default=0):,} steps each)")
     for has_goal in (True, False):  # a task without an end has none
         trial = partial(_variant, budgets=budgets, has_goal=has_goal)
         target = trial({}, task)
@@ -309,25 +435,107 @@ def _study(name: str, recipe: Recipe, env: Env[Any, Any]) -> tuple[str, list[str
             break
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
-    make, sources = partial(_made, way, recipe), dict[str, Any]()
-    variants = easier(target, make, _arguments(recipe, env), trial)
+    make, others = partial(_made, way, recipe), list(_arguments(recipe, env))
+    say(f"trying {counted(len(others), 'variant')} (at most {SECONDS:.0f} s)")
+    of_variant = trial
+    if live:
+        table_ways = [other for other in ways if other.func is tabulate]
+        table_ways += [partial(other, **SAMPLED) for other in table_ways[:1]]
+        in_tables = partial(_variant, budgets=BUDGETS, has_goal=True)
+        of_variant = partial(_judged_in_tables, table_ways, recipe, in_tables)
+    variants, rows, unread = easier(target, make, iter(others), of_variant)
+    keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
     most = max(budgets, default=LIVE[0])
     budget = _rounded_up(min(max(3 * target.steps, BUDGETS[0]), 2 * most))
-    for variant in variants:
-        less = f" instead of {task.states.size:,}" * (variant.task.states.size < task.states.size)
-        before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
-        steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
-        label = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
-        written = ", ".join(f"{k} = {json.dumps(v)}" for k, v in variant.arguments.items())
+    before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
+    sources = dict[str, dict[str, Any]]()
+
+    def add(label: str, variant: Variant, **written: Any) -> str:
         more = variant.steps > SOURCES_SHARE * budget
-        stated = _rounded_up(variant.steps) if more else None
-        sources[re.sub(r"[^\w-]", "_", label)] = written, stated
-        notes.append(f"easier with {written}: {variant.task.states.size:,} states{less}, {steps}")
-    keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
+        written["budget"] = _rounded_up(variant.steps) if more else None
+        sources[re.sub(r"[^\w-]", "_", label)] = written
+        return f"learnt in {variant.steps:,.0f} steps instead of {before}"
+
+    for variant in variants:
+        label = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
+        found, arguments = variant.mappings[rows], _toml(variant.arguments)
+        steps = add(
+            label,
+            variant,
+            keys=keys | _in_rows_keys(variant.task, rows) | {"arguments": variant.arguments},
+            transfer=_transfer(found),
+            why=NOT_SCORED if found is None else f"{found.how}: {_regains(found)}",
+        )
+        less = f" instead of {task.states.size:,}" * (variant.task.states.size < task.states.size)
+        regains = "" if found is None else f"; its mapping {_regains(found)}"
+        size = f"{variant.task.states.size:,} states{less}"
+        notes.append(f"easier with {arguments[2:-2]}: {size}, {steps}{regains}")
+    if unread:
+        them = " or ".join(_toml(variant.arguments)[2:-2] for variant in unread)
+        notes.append(f"also easier, but no mapping by components fits: {them}")
+    if not sources and (near := near_the_goal(target, trial)):
+        high, variant = near
+        near_keys = keys | {"start_states": {"distance": [1, high]}}
+        transfer, why = {"mapping": "identity"}, "the same task, started near its goal"
+        steps = add(NEAR, variant, keys=near_keys, transfer=transfer, why=why)
+        notes.append(f"easier with starts at most {counted(high, 'step')} from the goal: {steps}")
+    if not sources:
+        notes.append(f"{NONE_FOUND}: the study compares learners without one")
+    keys |= _in_rows_keys(task, rows)
     kind = "tabulated" if way.func is tabulate else "gymnasium"
     filled = {"kind": kind, "keys": keys, "live": live, "budget": budget, "sources": sources}
     filled["counters"] = play.counters
     return _text(name, recipe, notes, filled), notes
+
+
+def _of_several_resets(way: "partial[Any]", task: Any, recipe: Recipe) -> tuple[Any, Any, str]:
+    """Return the tables from several resets, if these fit, and what they hold of the starts."""
+    several = f"{len(task.record.seeds)} of {len(RESETS)} starts seen, as resets start elsewhere"
+    if "seeds" not in way.keywords:
+        wider = partial(way, seeds=RESETS)
+        with suppress(TaskError):
+            task = _made(wider, recipe, {}, SECONDS)
+            starts = counted(np.count_nonzero(task.mdp.start), "start")
+            note = f"{task.states.size:,} states from the {starts} of {len(RESETS)} resets"
+            return wider, task, f"resets start in different states: {note}; there may be others"
+    return way, task, f"{several}: the tables hold no other; reset_seeds in a task names more"
+
+
+def _in_rows_keys(task: Any, rows: bool) -> dict[str, Any]:
+    """Return the keys that split a state which is one number, if states are read in rows."""
+    return {"names": GRID, "sizes": in_rows(task).states.shape} if rows else {}
+
+
+def _regains(found: FoundMapping) -> str:
+    """Return how good a mapping is, as text."""
+    scores = found.scores
+    whole, known = (
+        f"{round(100 * share)} %" for share in (scores.regained, scores.regained_where_known)
+    )
+    part = f" ({known} where it maps)" * (known != whole)
+    return f"regains {whole} of the way to the optimum{part}"
+
+
+def _transfer(found: FoundMapping | None) -> dict[str, Any]:
+    """Return the keys of a transfer with a mapping, by name where none was found."""
+    if found is None:
+        return {"project": {}}
+    mapping: Any = found.mapping
+    keys = {"project": mapping.renaming, "aligned": mapping.aligned or None}
+    keys["unequal"] = None if mapping.unequal == "unmapped" else mapping.unequal
+    keys["unmapped_value"] = found.unmapped_value and float(f"{found.unmapped_value:.3g}")
+    return {key: value for key, value in keys.items() if value is not None}
+
+
+def _toml(value: object) -> str:
+    """Return a value as TOML, a dict in one line."""
+    if not isinstance(value, dict):
+        return json.dumps(value)
+    pairs = (
+        f"{key if re.fullmatch(r'[A-Za-z0-9_-]+', key) else json.dumps(key)} = {_toml(part)}"
+        for key, part in value.items()
+    )
+    return f"{{ {', '.join(pairs)} }}" if value else "{}"
 
 
 def _ways(env: Env[Any, Any], play: Play) -> list["partial[Any]"]:
@@ -380,6 +588,7 @@ def _of_network(
     policy = "MultiInputPolicy" if isinstance(observed, Dict) else policy
     algorithm = "PPO" if isinstance(acting, Box) else "DQN"
     notes = [*notes, f"learnt by a network, as it is not tabulated: {why}"]
+    notes.append("no easier relative was tried, as networks take long")
     filled: dict[str, Any] = {"kind": "observation_task", "keys": _limit(env, None), "live": True}
     filled |= {"budget": 50_000, "sources": {}, "network": (algorithm, policy)}
     return _text(name, recipe, notes, filled), notes
@@ -392,7 +601,7 @@ def _text(name: str, recipe: object, notes: list[str], filled: dict[str, Any]) -
         trim_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
-    environment.filters |= {"json": json.dumps, "comment": comment}
+    environment.filters |= {"json": _toml, "comment": comment}
     template = environment.get_template("environment.txt", globals={"discount": DISCOUNT})
     filled = {"name": name, "own": callable(recipe), "notes": notes, "network": None, **filled}
     return template.render(filled)
