@@ -14,13 +14,16 @@ from curricle.transfer import (
     StateActionMapping,
     TaskPair,
     auto_mapping,
+    by_alignment,
     by_homomorphism,
+    by_name,
     find_mappings,
     fitted_unmapped_value,
     identity,
     score_mapping,
 )
 from curricle.transfer.bisimulation import levels, model_for_refinement, refined
+from curricle.transfer.by_components import at_goal
 from curricle.transfer.search import EXPECTILE, fitted_constant
 from curricle.transfer.transfer import transfer_words
 from tests.support.refusals import check_refusal
@@ -42,6 +45,26 @@ def test_scores_do_not_depend_on_the_unit_of_rewards(unit):
     small = cr.Rewards(step=0, treasure=1e-8 * unit)
     found = find_mappings(*(cr.GridWorld(m, rewards=small) for m in ("S...T", "T...S")))
     assert found[0].how.startswith("exact homomorphism")
+
+
+def test_ranges_are_aligned_at_either_end_or_at_the_goal():
+    target, source = cr.GridWorld(["S...T", "....."]), cr.GridWorld(["S.T", "..."])
+    columns = {
+        end: cr.project(target, source, aligned={"column": end}).index[:5, 0] // 4
+        for end in ("first", "last", -1)
+    }
+    assert columns["first"].tolist()[:2] == [0, 1]
+    assert columns["last"].tolist()[2:4] == columns[-1].tolist()[1:3] == [0, 1]
+    clipped = cr.project(target, source, aligned={"column": "last"}, unequal="clip")
+    assert (clipped.index[:5, 0] // 4).tolist()[:4] == [0, 0, 0, 1]
+    assert clipped.description == "row and column and move by name, last column aligned; " + (
+        "other values clipped"
+    )
+    searches = by_name, by_alignment, at_goal
+    inside = cr.GridWorld(["S..T..", "......"])
+    assert "column - 1 aligned" in find_mappings(inside, source, searches=searches)[0].how
+    with pytest.raises(MappingError, match="aligned must be first, last or a whole number"):
+        cr.project(target, source, aligned={"column": 0.5})
 
 
 @pytest.mark.parametrize("more", [0, 6])

@@ -57,6 +57,59 @@ class Labelled(Icy):
         return {"row": int(at[0]), "column": int(at[1]), "area": self.size**2}
 
 
+class Numbered(Robot):  # its state is one number
+    def __init__(self, size=6):
+        super().__init__(size)
+        self.observation_space = spaces.Discrete(size**2)
+        del self.slippery, self.max_steps
+
+    def reset(self, *, seed=None, options=None):
+        gym.Env.reset(self, seed=seed)
+        self.cell = 0
+        return 0, {}
+
+    def step(self, action):
+        row, column = divmod(self.cell, self.size)
+        down, right = ((-1, 0), (0, 1), (1, 0), (0, -1))[action]
+        row = min(max(row + down, 0), self.size - 1)
+        column = min(max(column + right, 0), self.size - 1)
+        self.cell = row * self.size + column
+        over = self.cell == self.size**2 - 1
+        return self.cell, float(over), over, False, {}
+
+
+class Alone(Robot):  # no argument makes it easier, and one step leads to the goal
+    def __init__(self):
+        super().__init__(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.row = 1
+        return np.array([1, 0]), {}
+
+
+class Dropped(Robot):
+    def __init__(self):
+        super().__init__(4)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.row = int(self.np_random.integers(3))
+        self.colour = int(self.np_random.integers(100))
+        return np.array([self.row, 0]), {}
+
+
+class Faulty(Robot):
+    def step(self, action):
+        return {}[action]
+
+
+class Late(Robot):
+    def step(self, action):
+        at, *rest = super().step(action)
+        return at - 9, *rest
+
+
 class Patient(Robot):
     def step(self, action):
         return super().step(action)[:3] + ({},)
@@ -162,6 +215,8 @@ def test_a_dict_names_its_numbers(robots):
     ("name", "said"),
     [
         ("Patient", r"must return .*: got .*; .*shimmy"),
+        ("Faulty", r"robots:Faulty failed: .*\(raised in step of robots.py, line \d+\)"),
+        ("Late", r"must lie in the .*observation_space, Box\(.*: got array\(\[-"),
         ("Astray", r"must lie in the .*observation_space, Box\(.*: got array\(\[9, 0\]"),
         ("Needy", "1 required positional argument: 'size'; give its arguments defaults, or name a"),
         ("Robots", "robots has no Robots to call, did you mean 'Robot'"),
@@ -175,15 +230,62 @@ def test_what_cannot_be_studied_is_refused_in_a_sentence(robots, name, said):
 def test_actions_that_are_no_numbers_are_for_a_network(robots):
     _, text, notes = new_study("robots:Pushed", robots)
     assert 'factory = "robots:Pushed"' in text
-    assert notes == [
+    assert notes[0] == (
         "learnt by a network, as it is not tabulated: its actions are no whole numbers"
-    ]
+    )
+    assert "seeds = 8\n" in text  # fewer give no verdict where several arms are asked
 
 
-def test_the_variant_of_an_id_is_its_argument(robots):
-    _, text, notes = new_study("FrozenLake-v1", robots)
-    assert "arguments = { is_slippery = false }" in text
-    assert any("easier with is_slippery = false: 16 states" in note for note in notes)
+def test_a_variant_that_misleads_is_left_out_and_starts_near_the_goal_stand_in(robots):
+    file, text, notes = new_study("FrozenLake-v1", robots)
+    # The policy of the lake that is not slippery regains 17 % of the way, and its values nothing.
+    assert any("no mapping by components fits: is_slippery = false" in note for note in notes)
+    assert "start_states = { distance = [1, 2] }" in text
+    assert 'mapping = "identity"' in text
+    (robots / file).write_text(text)
+    plan = next(iter(read_study(robots / file).curricula.values()))
+    assert plan.tasks["near_the_goal"].mdp.start[0] == 0
+
+
+@pytest.mark.parametrize("name", ["Numbered", "Robot"])
+def test_the_mapping_that_scores_best_is_written(robots, name):
+    steps = []
+    file, text, notes = new_study(f"robots:{name}", robots, steps.append)
+    assert 'aligned = { row = "last", column = "last" }' in text
+    assert ("sizes = [6, 6]" in text) == (name == "Numbered")  # state 7 of 6 x 6 is none of 3 x 3
+    assert "its mapping regains 100 % of the way to the optimum" in notes[-1]
+    assert steps[0] == "playing 6 episodes of random actions (at most 2 s)"
+    assert steps[-1].startswith("building the study")
+    (robots / file).write_text(text)
+    plan = next(iter(read_study(robots / file).curricula.values()))
+    (mapping,) = (edge.mapping for edge in plan.in_edges("target"))
+    corner = plan.tasks["target"].states.encode(row=5, column=4)
+    source = mapping.index[int(corner), 0] // 4
+    last = plan.tasks[plan.in_edges("target")[0].source].states
+    assert last.label(source) == last.label(
+        int(last.encode(row=last.components[0].high, column=last.components[1].high - 1))
+    )
+
+
+def test_a_study_without_a_relative_ends_in_the_best_learner(curricle, robots):
+    code, out, steps = curricle("new", "robots:Alone")
+    assert code == 0, steps
+    assert "no easier relative was found: the study compares learners without one" in out
+    assert "... searching for its states (at most 10 s)" in steps
+    code, out, _ = curricle("check", "Alone.toml")
+    assert "no forecast: no arm has a source" in out
+    curricle("run", "Alone.toml", "--set=tasks.target.budget=400")
+    _, out, _ = curricle("show", "Alone-results")
+    assert "no arm has a source; the best learner without one is" in out
+    assert "transfer" not in out
+    assert "costs more" not in out
+    assert curricle("report", "Alone-results")[0] == 0
+
+
+def test_resets_that_differ_are_said_and_tabulated(robots):
+    _, text, notes = new_study("robots:Dropped", robots)
+    assert any("9 resets; there may be others" in note for note in notes), notes
+    assert "reset_seeds = [0, 1, 2, 3, 4, 5, 6, 7, 8]" in text
 
 
 def test_a_proposed_source_can_learn_its_task_within_its_budget(robots):

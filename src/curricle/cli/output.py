@@ -44,6 +44,7 @@ from curricle.study.tuning import (
 from curricle.study_file.vary import value_text
 from curricle.tasks.live import is_live
 from curricle.text import UNBOUNDED, counted, duration, text_table
+from curricle.transfer.search import mapping_fault
 from curricle.transfer.transfer import transfer_names
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----
@@ -422,6 +423,8 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
             print_text(f"no forecast: {error}")
             continue
         print(made.text(line_width()))
+        for fault in filter(None, map(mapping_fault, curriculum.in_edges(arms.target))):
+            print_text(fault)
         if made.trial is not None and (asked := questions(study, arms)):
             of_trial = made.trial.comparison, made.used.name
             if sentence := seeds_sentence(*of_trial, asked, len(study.seeds)):

@@ -492,6 +492,8 @@ def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
 
 # -- the best mapping, or the reason why no mapping is used ----------------------------------------
 
+COMPARED = 5_000  # states of tasks up to which their mapping is compared with those found
+FAR = 0.25  # share of the way to the optimum by which a mapping regains far less than another
 REMEMBERED = 16  # results of searches to keep in memory; a search may take half a minute
 
 
@@ -564,6 +566,25 @@ def auto_mapping(
     how = f"{best.how}, {fits:.3g} where unmapped"
     mapping = best.mapping.with_unmapped_value(fits)
     return replace(best, mapping=mapping, how=how, unmapped_value=None)
+
+
+def mapping_fault(transfer: Transfer) -> str:
+    """Return a sentence on a mapping that scores far below the best that is found; else empty."""
+    mapping = transfer.mapping
+    if not isinstance(mapping, PairMapping) or mapping.knows_target:
+        return ""
+    tasks = mapping.target, mapping.source
+    if not all(has_tables(task) and task.states.size <= COMPARED for task in tasks):
+        return ""
+    found, own = _remembered(*tasks, None), score_mapping(mapping).regained
+    if not len(found) or not found[0].scores.regained - own > FAR:
+        return ""
+    finds = clears_bar(found[0].scores) * '; mapping = "auto" uses it'
+    return (
+        f"the mapping of {transfer.source} -> {transfer.target} is at fault: it regains "
+        f"{round(100 * own)} % of the way to the optimum, and the best that is found "
+        f"{round(100 * found[0].scores.regained)} %, {found[0].how}{finds}"
+    )
 
 
 def with_mapping(

@@ -8,11 +8,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
 import curricle as cr
 from curricle.comparison.measures import Arm
-from curricle.errors import SettingError
 from curricle.show.graph import CARD, graphs
 from curricle.show.plots import draw_learning_curves
 from curricle.show.report import UPLOT, asset, curve_data
@@ -126,17 +124,15 @@ def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
     assert "nan" not in reader.words.lower().split()
 
 
-def test_an_arm_without_transfers_has_no_forecast_and_scratch_alone_no_page(maze):
+def test_a_page_without_sources_names_the_best_learner():
     plan = cr.Curriculum({"maze": maze_plan(2).tasks["maze"]}, budget=500)
     reader = Reader(
-        study_page("same", cr.compare({"same": plan}, seeds=2), {"same": plan.train(2)})
+        study_page("same", cr.compare({"same": plan}, seeds=2), {"scratch": plan.train(2)})
     )
     assert reader.problems == []
-    assert "Too few seeds for a verdict (2; 6 or more)." in reader.words
+    assert "No arm has a source; the best learner without one is OptimisticQ" in reader.words
+    assert "too few seeds for a verdict (2; 8 or more)" in reader.words
     assert "predicted start" not in reader.words
-    comparison = replace(maze.comparison, arms={"scratch": maze.comparison.scratch})
-    with pytest.raises(SettingError, match="needs an arm besides 'scratch'"):
-        study_page("alone", comparison, {"scratch": maze.results["scratch"]})
 
 
 def data_of(comparison):

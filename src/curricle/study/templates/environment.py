@@ -226,18 +226,16 @@ def _variant(
 
 
 def _judged_in_tables(
-    ways: Sequence["partial[Any]"],
-    recipe: Recipe,
-    trial: Callable[[dict[str, Any], Any], Variant],
+    tabulated: Callable[[dict[str, Any], float], Any],
+    in_tables: Callable[[dict[str, Any], Any], Variant],
+    live: Callable[[dict[str, Any], Any], Variant],
     arguments: dict[str, Any],
     task: Any,
 ) -> Variant:
     """Return a live variant, judged by its tables where it is small enough to have some."""
-    for way in ways if arguments else ():
-        with suppress(TaskError):
-            table = _made(way, recipe, arguments, SMALL)
-            return trial(arguments, table)._replace(task=task)
-    return trial(arguments, task)
+    with suppress(TaskError):
+        return in_tables(arguments, tabulated(arguments, SMALL))._replace(task=task)
+    return live(arguments, task)
 
 
 def near_the_goal(
@@ -404,7 +402,8 @@ def _study(
             break
         except TaskError as error:
             refusal = refusal or str(error)
-    if "max_seconds" in refusal:
+    large = "max_seconds" in refusal
+    if large:
         ignored = f" and ignore = {json.dumps(play.counters)}" * bool(play.counters)
         refusal += f'; type = "tabulated"{ignored} in a study searches for an hour'
     if task is None:
@@ -436,13 +435,12 @@ def _study(
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
     make, others = partial(_made, way, recipe), list(_arguments(recipe, env))
-    say(f"trying {counted(len(others), 'variant')} (at most {SECONDS:.0f} s)")
+    say(f"trying {counted(len(others), 'variant')} (the last begins within {SECONDS:.0f} s)")
     of_variant = trial
     if live:
-        table_ways = [other for other in ways if other.func is tabulate]
-        table_ways += [partial(other, **SAMPLED) for other in table_ways[:1]]
         in_tables = partial(_variant, budgets=BUDGETS, has_goal=True)
-        of_variant = partial(_judged_in_tables, table_ways, recipe, in_tables)
+        tabulated = partial(_made, partial(ways[0], **({} if large else SAMPLED)), recipe)
+        of_variant = partial(_judged_in_tables, tabulated, in_tables, trial)
     variants, rows, unread = easier(target, make, iter(others), of_variant)
     keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
     most = max(budgets, default=LIVE[0])
