@@ -399,12 +399,26 @@ def test_without_a_usable_optimum_the_threshold_is_the_midpoint_of_scratch(task)
     assert comparison.threshold == midpoint(comparison.scratch.curve)
 
 
-def test_a_curriculum_without_transfers_equals_scratch():
+def test_a_curriculum_without_transfers_is_scratch_and_the_best_learner_is_named():
     plan = Curriculum({"maze": MAZE}, budget={"maze": 1000}, eval_freq=100)
-    comparison = compare({"plain": plan}, seeds=3)
+    comparison = compare({"plain": plan}, seeds=9, opponents=["bounds", "optimistic"])
     assert comparison.total == 1000
-    np.testing.assert_array_equal(comparison["plain"].curve.values, comparison.scratch.curve.values)
-    assert comparison.contrasts["plain"].p == 1.0
+    assert "plain" not in comparison.arms
+    assert not comparison.verdicts
+    best = comparison.best_opponents[0]
+    others = [name for name in comparison.arms if name != best]
+    gains = comparison.returns[best] - np.array([comparison.returns[name] for name in others])
+    assert (gains.mean(axis=1) >= 0).all()
+    (sentence,) = (line for line in comparison.sentences if line.startswith("no arm has a source"))
+    assert f"better than each other learner: {comparison.best_learner}" in sentence
+    assert "costs more" not in str(comparison)
+    alone = compare({"plain": plan}, seeds=2, opponents=[])
+    assert alone.best_learner is None
+    assert "the best learner without one is the target's own learner" in str(alone)
+    plain = Curriculum({"far": MAZE}, budget={"far": 1000}, eval_freq=100)
+    other = copied(MAZE, budget={"near": 100, "far": 1000}, eval_freq=100)
+    both = compare({"plain": plain, "other": other}, seeds=2)
+    assert [*both.verdicts] == ["other"]
     comparison = compare(corner(source=300, target=1000, eval_freq=70), seeds=1, window=1)
     assert comparison.total == 1330  # a whole number of checkpoints
     assert comparison.arms["transfer"].curve.steps[-1] == 1330

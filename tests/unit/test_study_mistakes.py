@@ -82,7 +82,7 @@ LEARNER | shaping.portfolio = 3 | line 4: shaping.portfolio must be true, false 
 epsilon = 0.1 | epsilon = nan | line 5: learner.epsilon must be finite: got nan
 source = "chase" | source = "chse" | line 18: transfers[0].source must … 'chase'?
 PROJECT | project = {}\naligned.predator = 'end' | transfers[0].aligned.predator must be 'first',
-PROJECT | project = {}\naligned.tiger = 1 | line 18: transfers[0] is refused: aligned names components of
+PROJECT | PROJECT\naligned.tiger = 1 | transfers[0] is refused: aligned names components of
 PROJECT | mapping = 'identity'\nunequal = 'clip' | transfers[0] has aligned or unequal, which go
 PROJECT | mapping = 'identity'\nPROJECT | line 17: transfers[0] … project, mapping
 PROJECT | function = 'cart' | line 20: transfers[0].function must name … got 'cart'

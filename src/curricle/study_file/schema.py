@@ -695,8 +695,8 @@ class _TransferTable(ObjectTable):
             return ObservationMapping(target, source, **functions, unmapped_value=value)
         if self.project is not None:
             how: Any = {"unequal": self.unequal or "unmapped", "aligned": self.aligned}
-            how["unmapped_value"] = value
-            return by_components.project(target, source, **how, **self.project)
+            how |= {"unmapped_value": value, **self.project}
+            return by_components.project(target, source, **how)
         if self.mapping == "identity":
             return identity(target, source)
         if self.mapping is not None:

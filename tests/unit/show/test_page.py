@@ -130,7 +130,7 @@ def test_a_page_without_sources_names_the_best_learner():
         study_page("same", cr.compare({"same": plan}, seeds=2), {"scratch": plan.train(2)})
     )
     assert reader.problems == []
-    assert "No arm has a source; the best learner without one is OptimisticQ" in reader.words
+    assert "No arm has a source; the best learner without one is the target's own" in reader.words
     assert "too few seeds for a verdict (2; 8 or more)" in reader.words
     assert "predicted start" not in reader.words
 

@@ -65,9 +65,10 @@ from curricle.transfer.search import FoundMapping, clears_bar, find_mappings
 DISCOUNT = 0.99
 LIMIT = 500  # time limit of an environment that has none
 SECONDS = 10.0  # to find the states of the environment, and again to try its variants
-SMALL = 2.0  # to find the states of a variant by which it is judged, where the target is live
+SMALL = 4.0  # to find the states of a variant by which it is judged, where the target is live
 PLAYED, EPISODES, LONGEST = 2.0, 6, 1_000  # play: seconds, episodes, and steps of an episode
 SAMPLED = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}  # options of `tabulate` for random steps
+JUDGED = {"samples": 8}  # the same to judge a variant
 BUDGETS: tuple[int, ...] = 10_000, 100_000, 1_000_000  # steps, tried until a task is learnt
 LIVE = (20_000,)  # the same for a live task
 SCORED = 200_000  # pairs of the target up to which the mappings of its variants are scored
@@ -319,7 +320,9 @@ def in_rows(task: Any) -> Any:
     The width is the commonest change of the number by more than 1 in a step.
     """
     number, *more = task.states.components
-    if not isinstance(task, TabulatedTask) or more or number.labels or number.low < 0:
+    if not isinstance(task, TabulatedTask) or more or number.low < 0:
+        return None
+    if number.labels is not None or number.arbitrary:
         return None
     mdp, (values,) = task.mdp, task.states.decode().values()
     rows = mdp.outcome_row[~mdp.terminal]
@@ -426,7 +429,8 @@ def _study(
             say(f"searching from {len(RESETS)} resets, which differ (at most {SECONDS:.0f} s)")
             way, task, note = _of_several_resets(way, task, recipe)
             notes.append(note)
-    say(f"learning it with {TRIED} seeds (at most {max(budgets, default=0):,} steps each)")
+    if budgets:
+        say(f"learning it with {TRIED} seeds (at most {budgets[-1]:,} steps each)")
     for has_goal in (True, False):  # a task without an end has none
         trial = partial(_variant, budgets=budgets, has_goal=has_goal)
         target = trial({}, task)
@@ -439,7 +443,7 @@ def _study(
     of_variant = trial
     if live:
         in_tables = partial(_variant, budgets=BUDGETS, has_goal=True)
-        tabulated = partial(_made, partial(ways[0], **({} if large else SAMPLED)), recipe)
+        tabulated = partial(_made, partial(ways[0], **({} if large else JUDGED)), recipe)
         of_variant = partial(_judged_in_tables, tabulated, in_tables, trial)
     variants, rows, unread = easier(target, make, iter(others), of_variant)
     keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
@@ -493,7 +497,7 @@ def _of_several_resets(way: "partial[Any]", task: Any, recipe: Recipe) -> tuple[
         wider = partial(way, seeds=RESETS)
         with suppress(TaskError):
             task = _made(wider, recipe, {}, SECONDS)
-            starts = counted(np.count_nonzero(task.mdp.start), "start")
+            starts = counted(int(np.count_nonzero(task.mdp.start)), "start")
             note = f"{task.states.size:,} states from the {starts} of {len(RESETS)} resets"
             return wider, task, f"resets start in different states: {note}; there may be others"
     return way, task, f"{several}: the tables hold no other; reset_seeds in a task names more"
