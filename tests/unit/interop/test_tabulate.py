@@ -407,6 +407,20 @@ def test_states_in_the_order_of_discovery_are_never_mapped_by_name():
         cr.project(large, named, cell="state")
 
 
+def test_a_state_that_is_one_number_is_split_by_sizes():
+    of_one = square(3, lambda at: 3 * at[0] + at[1], private=False)
+    split = partial(cr.tabulate, of_one, discount=0.9)
+    task = split(names=["row", "column"], sizes=[3, 3])
+    assert task.states.label(task.state(7)) == "row=2 column=1"
+    assert cr.project(task, split(names=["row", "column"], sizes=[4, 3])).coverage().mapped == 1
+    for settings, said in (
+        ({"names": ["row", "column"], "sizes": [2, 3]}, "the product of sizes must be"),
+        ({"sizes": [3, 3]}, "sizes need the names of their components"),
+    ):
+        with pytest.raises(TaskError, match=said):
+            split(**settings)
+
+
 def test_resets_that_differ_are_said_to_be_some_of_several():
     task = cr.tabulate(Corridor, discount=0.5)
     assert repr(task).endswith(", 1 of several resets seen)")

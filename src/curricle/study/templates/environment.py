@@ -446,48 +446,48 @@ def _study(
         tabulated = partial(_made, partial(ways[0], **({} if large else JUDGED)), recipe)
         of_variant = partial(_judged_in_tables, tabulated, in_tables, trial)
     variants, rows, unread = easier(target, make, iter(others), of_variant)
+    near = None if variants else near_the_goal(target, trial)
     keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
     most = max(budgets, default=LIVE[0])
     budget = _rounded_up(min(max(3 * target.steps, BUDGETS[0]), 2 * most))
     before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
     sources = dict[str, dict[str, Any]]()
-
-    def add(label: str, variant: Variant, **written: Any) -> str:
-        more = variant.steps > SOURCES_SHARE * budget
-        written["budget"] = _rounded_up(variant.steps) if more else None
-        sources[re.sub(r"[^\w-]", "_", label)] = written
-        return f"learnt in {variant.steps:,.0f} steps instead of {before}"
-
     for variant in variants:
         label = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
-        found, arguments = variant.mappings[rows], _toml(variant.arguments)
-        steps = add(
-            label,
-            variant,
-            keys=keys | _in_rows_keys(variant.task, rows) | {"arguments": variant.arguments},
-            transfer=_transfer(found),
-            why=NOT_SCORED if found is None else f"{found.how}: {_regains(found)}",
-        )
+        written = keys | _in_rows_keys(variant.task, rows) | {"arguments": variant.arguments}
+        found, arguments = variant.mappings[rows], _toml(variant.arguments)[2:-2]
+        why = NOT_SCORED if found is None else f"{found.how}: {_regains(found)}"
+        sources[re.sub(r"[^\w-]", "_", label)] = _source(variant, budget, written, found, why)
         less = f" instead of {task.states.size:,}" * (variant.task.states.size < task.states.size)
-        regains = "" if found is None else f"; its mapping {_regains(found)}"
+        steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
         size = f"{variant.task.states.size:,} states{less}"
-        notes.append(f"easier with {arguments[2:-2]}: {size}, {steps}{regains}")
+        regains = "" if found is None else f"; its mapping {_regains(found)}"
+        notes.append(f"easier with {arguments}: {size}, {steps}{regains}")
     if unread:
         them = " or ".join(_toml(variant.arguments)[2:-2] for variant in unread)
         notes.append(f"also easier, but no mapping by components fits: {them}")
-    if not sources and (near := near_the_goal(target, trial)):
+    if near is not None:
         high, variant = near
-        near_keys = keys | {"start_states": {"distance": [1, high]}}
-        transfer, why = {"mapping": "identity"}, "the same task, started near its goal"
-        steps = add(NEAR, variant, keys=near_keys, transfer=transfer, why=why)
+        written, why = keys | {"start_states": {"distance": [1, high]}}, "the same states"
+        sources[NEAR] = _source(variant, budget, written, None, why)
+        sources[NEAR]["transfer"] = {"mapping": "identity"}
+        steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
         notes.append(f"easier with starts at most {counted(high, 'step')} from the goal: {steps}")
     if not sources:
         notes.append(f"{NONE_FOUND}: the study compares learners without one")
-    keys |= _in_rows_keys(task, rows)
     kind = "tabulated" if way.func is tabulate else "gymnasium"
-    filled = {"kind": kind, "keys": keys, "live": live, "budget": budget, "sources": sources}
-    filled["counters"] = play.counters
+    filled = {"kind": kind, "live": live, "budget": budget, "sources": sources}
+    filled |= {"keys": keys | _in_rows_keys(task, rows), "counters": play.counters}
     return _text(name, recipe, notes, filled), notes
+
+
+def _source(
+    variant: Variant, budget: int, keys: dict[str, Any], found: FoundMapping | None, why: str
+) -> dict[str, Any]:
+    """Return what the file says of a source: its keys, its budget if stated, and its transfer."""
+    more = variant.steps > SOURCES_SHARE * budget
+    of_budget = _rounded_up(variant.steps) if more else None
+    return {"keys": keys, "budget": of_budget, "transfer": _transfer(found), "why": why}
 
 
 def _of_several_resets(way: "partial[Any]", task: Any, recipe: Recipe) -> tuple[Any, Any, str]:
