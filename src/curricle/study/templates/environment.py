@@ -388,23 +388,15 @@ def _study(
     if not is_discrete(env.action_space):
         return _of_network(name, recipe, env, [], "its actions are no whole numbers")
     say(f"playing {EPISODES} episodes of random actions (at most {PLAYED:.0f} s)")
-    play, notes, task = Play(env), list[str](), None
+    play, notes = Play(env), list[str]()
     if not play.follows_seed:
         notes.append(
             "two resets with one seed and the same actions differ, so that results cannot be "
             "repeated: let reset call super().reset(seed=seed), and draw from self.np_random alone"
         )
-    refusal, began = "" if play.whole else "its observations are no whole numbers", time.time()
-    ways = _ways(env, play)
-    for way in ways:
-        if way.func is tabulate:
-            sampled = ", sampling steps" * ("samples" in way.keywords)
-            say(f"searching for its states{sampled} (at most {SECONDS:.0f} s)")
-        try:
-            task = _made(way, recipe, {}, SECONDS)
-            break
-        except TaskError as error:
-            refusal = refusal or str(error)
+    ways, began = _ways(env, play), time.time()
+    task, way, refusal = _searched(ways, recipe, say)
+    refusal = refusal if play.whole else "its observations are no whole numbers"
     large = "max_seconds" in refusal
     if large:
         ignored = f" and ignore = {json.dumps(play.counters)}" * bool(play.counters)
@@ -488,6 +480,22 @@ def _source(
     more = variant.steps > SOURCES_SHARE * budget
     of_budget = _rounded_up(variant.steps) if more else None
     return {"keys": keys, "budget": of_budget, "transfer": _transfer(found), "why": why}
+
+
+def _searched(
+    ways: Sequence["partial[Any]"], recipe: Recipe, say: Callable[[str], object]
+) -> tuple[Any, Any, str]:
+    """Return the task of the first way that makes one, or None, the way, and the first refusal."""
+    refusal = ""
+    for way in ways:
+        if way.func is tabulate:
+            sampled = ", sampling steps" * ("samples" in way.keywords)
+            say(f"searching for its states{sampled} (at most {SECONDS:.0f} s)")
+        try:
+            return _made(way, recipe, {}, SECONDS), way, refusal
+        except TaskError as error:
+            refusal = refusal or str(error)
+    return None, None, refusal
 
 
 def _of_several_resets(way: "partial[Any]", task: Any, recipe: Recipe) -> tuple[Any, Any, str]:
