@@ -531,7 +531,8 @@ def _transfer(found: FoundMapping | None) -> dict[str, Any]:
     if found is None:
         return {"project": {}}
     mapping: Any = found.mapping
-    keys = {"project": mapping.renaming, "aligned": mapping.aligned or None}
+    names = mapping.source.states.names  # written out, as a file's reader may want to change them
+    keys = {"project": dict(zip(names, names, strict=True)), "aligned": mapping.aligned or None}
     keys["unequal"] = None if mapping.unequal == "unmapped" else mapping.unequal
     keys["unmapped_value"] = found.unmapped_value and float(f"{found.unmapped_value:.3g}")
     return {key: value for key, value in keys.items() if value is not None}
