@@ -24,7 +24,7 @@ from curricle.transfer import (
 )
 from curricle.transfer.bisimulation import levels, model_for_refinement, refined
 from curricle.transfer.by_components import at_goal
-from curricle.transfer.search import EXPECTILE, fitted_constant
+from curricle.transfer.search import EXPECTILE, fitted_constant, mapping_fault
 from curricle.transfer.transfer import transfer_words
 from tests.support.refusals import check_refusal
 from tests.support.studies import CORNER
@@ -65,6 +65,16 @@ def test_ranges_are_aligned_at_either_end_or_at_the_goal():
     assert "column - 1 aligned" in find_mappings(inside, source, searches=searches)[0].how
     with pytest.raises(MappingError, match="aligned must be first, last or a whole number"):
         cr.project(target, source, aligned={"column": 0.5})
+
+
+def test_a_mapping_far_below_the_best_that_is_found_is_at_fault():
+    target, source = cr.GridWorld("S........T"), cr.GridWorld("S..T")
+    sentence = mapping_fault(Transfer("short", "long", cr.project(target, source)))
+    assert "the mapping of short -> long is at fault: it regains 11 %" in sentence
+    assert "the best that is found 100 %, components by name, last column aligned" in sentence
+    assert sentence.endswith('mapping = "auto" uses it')
+    aligned = cr.project(target, source, aligned={"column": "last"}, unequal="clip")
+    assert mapping_fault(Transfer("short", "long", aligned)) == ""
 
 
 @pytest.mark.parametrize("more", [0, 6])
