@@ -137,7 +137,8 @@ def settled_before(study: StudyConfig, path: Place) -> StudyConfig:
     record = StudyResults(path).record
     if not record.chosen:
         return study
-    (name,) = (name for name, arm in record.arms.items() if not (arm.scratch or arm.control_of))
+    curricula = (name for name, arm in record.arms.items() if not (arm.scratch or arm.control_of))
+    name = next(curricula, NO_CURRICULUM)  # which is scratch under another name
     return chosen_study(study, trial_study(study), name, record.chosen)
 
 
