@@ -331,7 +331,7 @@ def best_learner(arms: MeasuredArms) -> str:
     """Return the verdict of arms without a source, which name the best learner; else empty."""
     if arms.controls or arms.nobody:
         return ""
-    learner, written = _without_source(arms, arms.baseline)
+    learner, written = without_source(arms, arms.baseline)
     in_file = f" (in a study file: {written.rstrip(', ')})" * bool(written and not arms.remarks)
     verdict = arms.best_learner
     sure = "" if verdict is None else f"; better than each other learner: {verdict}"
