@@ -11,6 +11,7 @@ from rich.console import Console
 
 import curricle as cr
 from curricle import progress as progress_module
+from curricle.cli.progress_bars import Lines
 from curricle.comparison.plan import Unit
 from curricle.errors import SettingError
 from curricle.progress import Bars, Screen, shown
@@ -228,9 +229,30 @@ def test_the_time_left_is_that_at_the_pace_so_far_and_stands_below_the_bars():
     for unit in every[:800]:
         clock.now += 0.1
         pace.note(Progress(every, unit))
-    assert pace.line() == "800 of 1,000 units, 1 worker, 0:00:20 left"
+    assert pace.line() == "800 of 1,000 units, 1 worker, about 20 s left"
     console = Console(record=True, force_terminal=True, width=80, file=io.StringIO())
     with Screen(console, pace.line) as screen:
         Bars(screen).bar("scratch: maze", 4)
     *_, last = console.export_text().strip().splitlines()
-    assert "0:00:20 left" in last
+    assert "about 20 s left" in last
+
+
+def test_lines_in_a_pipe_come_at_each_tenth_and_every_ten_seconds_at_most(capsys):
+    def lines(number, seconds, tuning=""):
+        clock, every = Clock(), units(number)
+        pace = Pace(clock)
+        printer = Lines(pace)
+        for unit in (None, *every):
+            now = Progress(every, unit, 2, tuning)
+            pace.note(now)
+            printer.show(now)
+            clock.now += seconds
+        return capsys.readouterr().err.splitlines()
+
+    quick = lines(1000, 0.001)
+    assert [line.split()[0] for line in quick] == [*(f"{n}00" for n in range(1, 10)), "1,000"]
+    slow = lines(120, 3.0)
+    assert slow[0] == "4 of 120 units, 2 workers, about 6 min left"  # 12 seconds after the start
+    assert slow[2] == "12 of 120 units, 2 workers, about 5 min left"
+    assert slow[-1] == "120 of 120 units, 2 workers"
+    assert lines(100, 0.001, "round 1") == ["round 1"]

@@ -1,7 +1,4 @@
-"""Running a study from the command line: bars, lines, what is compiled, and the page of the run.
-
-Without a terminal it prints a line for each unit, or at most a line a second on their pace.
-"""
+"""Running a study from the command line: bars, lines, what is compiled, and the page of the run."""
 
 import os
 import sys
@@ -26,31 +23,28 @@ from curricle.text import counted
 
 # -- Running a study from the command line: bars on a terminal, and lines where there is none ------
 
-MANY = 1_000  # units of a study; one with more does not print a line for each
-BETWEEN = 1.0  # seconds between two lines of it at least
+BETWEEN = 10.0  # seconds between two lines at least, but for a line at each tenth of the units
 
 
 class Lines:
-    """Prints a line for each unit or second where there is no terminal; trials of a tuning too."""
+    """Prints how far a run is where there is no terminal, and which trials of a tuning begin."""
 
     def __init__(self, pace: Pace):
         self.pace = pace
-        self._printed = -BETWEEN
+        self._printed, self._tenth = pace.clock(), 0
 
     def show(self, progress: Progress) -> None:
-        """Print a line about the unit that was stored, if it is time for one."""
-        units, now = len(progress.units), self.pace.clock()
-        if progress.stored is None and progress.tuning:
-            line = progress.tuning
-        elif progress.stored is None or progress.tuning:
-            return
-        elif units <= MANY:
-            line = f"done {progress.stored.label}"
-        elif now - self._printed >= BETWEEN or self.pace.stored == units:
-            line, self._printed = self.pace.line(), now
-        else:
-            return
-        print(line, file=sys.stderr, flush=True)
+        """Print a line, if it is time for one or another tenth of the study's units is stored."""
+        line, now, tenth = progress.tuning, self.pace.clock(), 0
+        if progress.stored is not None:
+            line = self.pace.line()
+            if not progress.tuning:  # of which there are many small parts
+                tenth = 10 * self.pace.stored // len(progress.units)
+            if now - self._printed < BETWEEN and tenth <= self._tenth:
+                return
+        if line:
+            self._printed, self._tenth = now, tenth
+            print(line, file=sys.stderr, flush=True)
 
 
 def run_with_bars(

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from functools import partial
 from importlib import metadata
 from itertools import chain
@@ -64,7 +64,7 @@ from curricle.study.tuning import (
     trials_of,
     tuned_before,
 )
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr, counted, duration
 
 # -- The progress of a run, and the time that is left ----------------------------------------------
 
@@ -122,7 +122,7 @@ class Pace:
         begun, before = self._begun
         if self.units > self.stored > before:
             seconds = (self.units - self.stored) * (self.clock() - begun) / (self.stored - before)
-            parts.append(f"{timedelta(seconds=round(seconds))} left")
+            parts.append(f"about {duration(seconds)} left")
         return ", ".join(parts)
 
 
