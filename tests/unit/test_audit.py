@@ -1,5 +1,6 @@
 """Audits: as configured, then fair; equal trials for every arm, and one sentence."""
 
+import json
 from collections import Counter
 from types import SimpleNamespace
 
@@ -51,6 +52,19 @@ def file(tmp_path_factory):
 @pytest.fixture(scope="module")
 def audited(file, tmp_path_factory):
     return audit(file, tmp_path_factory.mktemp("out"), trials=3, progress=False)
+
+
+def test_the_command_prints_an_audit_as_data(audited, file, curricle, monkeypatch, tmp_path):
+    monkeypatch.setattr("curricle.study.audit", lambda *_, **__: audited)
+    (tmp_path / "out").mkdir()
+    code, out, complaint = curricle("audit", file, "--out", "out", "--json")
+    assert code == 0, complaint
+    data = json.loads(out)
+    assert data["sentence"] == audited.sentence
+    for side in ("configured", "fair"):
+        comparison = getattr(audited, side).comparison
+        assert [row["arm"] for row in data[side]["arms"]] == [*comparison.arms]
+    assert (tmp_path / "out" / "audit.html").exists()
 
 
 def test_only_arms_that_gain_more_than_their_placebos_pay_by_what_they_know():

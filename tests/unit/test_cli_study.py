@@ -1,7 +1,9 @@
 """The command: its help and exit codes; studies that it makes, runs and reads, and their pages."""
 
+import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,6 +27,7 @@ from tests.support.studies import CORNER
 from tests.unit.test_config_sweeps import MAZES
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
+RUNS = Path(__file__).parents[2] / "examples" / "other_runs" / "runs.csv"
 
 
 @pytest.fixture
@@ -37,6 +40,18 @@ def refused(curricle):
         assert fragment in " ".join(complaint.split())
         assert "Traceback" not in complaint
         assert not out
+
+    return run
+
+
+@pytest.fixture
+def answer(curricle):
+    """A function: arguments -> the object that the command prints with --json, and no NaN."""
+
+    def run(*arguments):
+        code, out, complaint = curricle(*arguments, "--json")
+        assert code == 0, complaint
+        return json.loads(out, parse_constant=pytest.fail)
 
     return run
 
@@ -136,8 +151,7 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     assert out == (
         "Stored in chain-results: curricle show chain-results, curricle report chain-results\n"
     )
-    assert "done scratch: maze, seeds 0-1\n" in progress
-    assert "done chain: corner, seed 2\n" in progress
+    assert "\n16 of 16 units, 1 worker\n" in progress
     done = StudyResults(tmp_path / "chain-results")
     assert (done.seeds, done.record.budget) == ((0, 1, 2), 300)
     code, _, complaint = run("--seeds", "0-3")
@@ -145,8 +159,7 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     assert "curricle: chain-results already holds results, 16 files of units: go on" in complaint
     code, _, progress = run("--seeds", "0-3", "--resume")
     assert code == 0
-    assert "seed 3\n" in progress
-    assert "seed 0" not in progress
+    assert "\n8 of 8 units, " in progress
     code, out, _ = curricle("run", study_file, "--resume", "--dry-run")
     assert code == 0
     assert out.startswith("scratch: maze, seeds 0-3, is stale and trained again: budget was 300")
@@ -217,7 +230,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     with subprocess.Popen(
         [*command, *long], cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=interruptible
     ) as running:
-        done = (line for line in running.stderr if line.startswith("done "))
+        done = (line for line in running.stderr if " of 6 units" in line)
         lines = [*islice(done, 4)]  # both sources of both units
         running.send_signal(signal.SIGINT)
         lines += running.stderr.readlines()
@@ -258,6 +271,63 @@ def test_show_prints_how_far_it_is_and_what_paid(curricle, refused, finished, co
         unit.path.unlink()
     code, out, _ = curricle("show", copied)
     assert (code, "no unit is stored yet" in out, "greedy return" in out) == (0, True, False)
+
+
+def test_answers_as_data_have_what_is_printed_and_nothing_else(
+    answer, curricle, finished, copied, study_file
+):
+    shown, comparison = answer("show", finished), StudyResults(finished).comparison
+    assert (shown["study"], shown["planned"], shown["seeds"]) == ("chain", [*range(4)], [*range(4)])
+    assert {(row["arm"], row["task"]) for row in shown["tasks"]} >= {("chain", "easy")}
+    rows = shown["comparison"]["arms"]
+    for row, stated in zip(rows, comparison.rows(), strict=True):
+        numbers = {key: None if value != value else value for key, value in stated.items()}
+        assert row.items() >= numbers.items()
+        curriculum = row["arm"] in comparison.controls
+        assert row["headroom"] == (comparison.headroom(row["arm"]) if curriculum else None)
+    assert shown["comparison"]["threshold"] == comparison.threshold
+    assert len(answer("show", finished, "--decisions")["decisions"]) == 4 * 9
+    compared = answer("compare", finished, "--against", "chain", "--explain")
+    assert compared["arms"] == rows
+    assert compared["against"]["scaled"]["rival"] == "chain"
+    judged = answer("verdict", RUNS, "--charge", "pretrained=4096", "--out", "runs.html")
+    assert judged["arms"][0]["arm"] == "scratch"
+    checked = answer("check", study_file, "--quiet")
+    assert checked["forecasts"].keys() == {"chain", "state", "scaled"}
+    assert checked["forecasts"]["chain"]["trial"]["arms"]
+    assert checked["units"] == 16
+    for unit in StudyStore(copied).units():
+        unit.path.unlink()
+    assert answer("show", copied)["comparison"] is None
+    code, out, complaint = curricle("show", "nowhere", "--json")
+    assert (code, out, complaint[:10]) == (1, "", "curricle: ")
+
+
+def test_quiet_commands_print_errors_alone(curricle, study_file):
+    run = partial(curricle, "run", study_file, "--seeds", "1", "--quiet")
+    assert run()[::2] == (0, "")  # also of too few seeds
+    code, _, complaint = run()
+    assert (code, complaint.count("\n")) == (1, 1)
+    assert complaint.startswith("curricle: chain-results already holds results")
+
+
+def test_the_list_of_folders_has_verdicts_and_what_is_lacking(curricle, finished, tmp_path):
+    assert curricle("list") == (0, "no results in . or one level below\n", "")
+    for name in ("damaged", "headless", "part", "whole/tuning"):
+        shutil.copytree(finished, tmp_path / "all" / name)
+    shutil.copytree(finished, tmp_path / "all/whole", dirs_exist_ok=True)
+    next((tmp_path / "all/damaged").glob("units/*/*")).write_bytes(b"PK")
+    (tmp_path / "all/headless/study.json").unlink()
+    next((tmp_path / "all/part").glob("units/maze-*/seeds-2-3.npz")).unlink()
+    code, out, complaint = curricle("list")
+    assert (code, complaint) == (0, "")
+    rows = {line.split()[0].partition("/")[2]: line for line in out.splitlines()[1:]}
+    assert [*rows] == ["damaged", "headless", "part", "whole"]  # no trials of a study
+    assert "is damaged" in rows["damaged"]
+    assert "study.json" in rows["headless"]
+    assert " chain     4  2 of 4  interim, 2 of 4 seeds: no verdict" in rows["part"]
+    assert " 4 of 4  too few seeds" in rows["whole"]
+    assert curricle("list", "all/whole")[1].splitlines()[1].startswith("all/whole ")
 
 
 def test_a_mistake_in_a_file_and_folders_to_be_merged(
@@ -396,7 +466,7 @@ finally: assert not {'numba', 'matplotlib', 'pyarrow'} & set(sys.modules)
 
 
 @pytest.mark.parametrize(
-    "command", [registered.callback.__name__ for registered in app.registered_commands]
+    "command", [known.name or known.callback.__name__ for known in app.registered_commands]
 )
 def test_nothing_is_cut_in_the_help_at_80_columns(command):
     shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"}).stdout

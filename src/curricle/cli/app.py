@@ -10,8 +10,10 @@ import os
 import sys
 import traceback
 from collections import Counter
+from contextlib import redirect_stderr
+from dataclasses import asdict
 from importlib.metadata import version
-from io import TextIOWrapper
+from io import StringIO, TextIOWrapper
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
@@ -101,6 +103,18 @@ OnlyArms = Annotated[
 ]
 LONGEST_SHARD = 20  # characters of --shard
 Explain = Annotated[bool, Option("--explain", help="Also explain the words.")]
+AsJson = Annotated[bool, Option("--json", help="Print the answer as one JSON object instead.")]
+
+
+def _hush(context: typer.Context, quiet: bool) -> None:
+    """Take standard error away until the command has ended; an error is printed after that."""
+    if quiet:
+        context.with_resource(redirect_stderr(StringIO()))
+
+
+Quiet = Annotated[
+    bool, Option("--quiet", callback=_hush, help="Print nothing to stderr but errors.")
+]
 
 
 def _read(
@@ -193,19 +207,22 @@ def check(
         bool, Option("--forecast", help="Make the whole forecast, however long it takes.")
     ] = False,
     explain: Explain = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Validate a study; print its tasks, its cost and a forecast, without training the target.
 
     The forecast trains the sources at their budgets if that takes seconds, or with --forecast.
     """
-    from curricle.cli.output import print_preview, print_words
+    from curricle.cli.output import json_alone, print_preview, print_words
     from curricle.progress import compilation
 
     _announce_imports()
     compilation().prints = True
-    print_preview(_read(file, seeds, changes, arms), forecast=forecast)
-    if explain:
-        print_words()
+    with json_alone(as_json) as answer:
+        answer |= print_preview(_read(file, seeds, changes, arms), forecast=forecast)
+        if explain:
+            print_words()
 
 
 @app.command()
@@ -217,25 +234,31 @@ def choose(
     ] = None,
     seed: Annotated[int, Option(min=0, help="Equal seeds give equal choices.")] = 0,
     changes: Changes = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Choose which curriculum to learn a study's target with, if any, by trials in its model.
 
     Candidates are sources that are made from the target, and the arms of the file. No seed of the
     study is used up.
     """
-    from curricle.cli.output import table_width
+    from curricle.cli.output import comparison_data, json_alone, table_width
     from curricle.errors import StoreError
     from curricle.study.tuning import choose as chosen_of, chosen_file
 
     _announce_imports()
     if out is not None and out.exists():
         raise StoreError(f"a new study needs a new file: {out} is there already")
-    study = _read(file, None, changes)
-    choice = chosen_of(study, seed=seed, progress=True)
-    print(choice.text(table_width()))
-    if out is not None:
-        out.write_text(chosen_file(study, choice, out.parent), encoding="utf-8")
-        echo(f"Wrote {out}: curricle check {quote(str(out))}, then curricle run {quote(str(out))}")
+    with json_alone(as_json) as answer:
+        study = _read(file, None, changes)
+        choice = chosen_of(study, seed=seed, progress=True)
+        print(choice.text(table_width()))
+        answer |= {name: getattr(choice, name) for name in ("name", "alone", "sentence", "rows")}
+        answer["comparison"] = comparison_data(choice.comparison)
+        if out is not None:
+            out.write_text(chosen_file(study, choice, out.parent), encoding="utf-8")
+            typed = quote(str(out))
+            echo(f"Wrote {out}: curricle check {typed}, then curricle run {typed}")
 
 
 @app.command()
@@ -264,6 +287,7 @@ def run(
     dry_run: Annotated[
         bool, Option("--dry-run", help="Print the units to train; train nothing.")
     ] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
 
@@ -315,6 +339,8 @@ def audit(
     trials: Annotated[
         int, Option(min=1, max=100, help="Trials of every arm for each setting of the largest.")
     ] = 10,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a study as configured, then against fair opponents, and say what of it survives.
 
@@ -322,17 +348,21 @@ def audit(
     opponents and placebos play, and an optimist that explores by the arm's potential. An audit that
     was stopped goes on.
     """
-    from curricle.cli.output import table_width
+    from curricle.cli.output import comparison_data, json_alone, table_width
     from curricle.cli.progress_bars import run_with_bars
     from curricle.show.report import write_audit
     from curricle.study import audit as audited
 
     _announce_imports()
-    study = _read(file, seeds, changes)
-    folder = out or f"{Path(study.file).stem}-audit"
-    made = audited(study, folder, trials=trials, run=run_with_bars)
-    print(made.text(table_width()))
-    echo(f"Open {write_audit(made, Path(folder) / 'audit.html')}")
+    with json_alone(as_json) as answer:
+        study = _read(file, seeds, changes)
+        folder = out or f"{Path(study.file).stem}-audit"
+        made = audited(study, folder, trials=trials, run=run_with_bars)
+        print(made.text(table_width()))
+        answer["sentence"] = made.sentence
+        answer["configured"] = comparison_data(made.configured.comparison)
+        answer["fair"] = comparison_data(made.fair.comparison)
+        echo(f"Open {write_audit(made, Path(folder) / 'audit.html')}")
 
 
 @app.command()
@@ -366,21 +396,35 @@ def show(
     task: Annotated[str | None, Option(help="Only this task.")] = None,
     seed: Annotated[int | None, Option(help="With --decisions: all of this seed's.")] = None,
     explain: Explain = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
-    from curricle.cli.output import decision_lines, print_results, print_words
+    from curricle.cli.output import decision_lines, json_alone, print_results, print_words
     from curricle.study import StudyResults
 
     if seed is not None and not decisions:
         raise BadParameter(f"--seed needs --decisions: got --seed {seed} alone")
     results = StudyResults(folder)
-    if not decisions:
-        print_results(results, arm, task)
+    with json_alone(as_json) as answer:
+        if decisions:
+            answer["decisions"] = decision_lines(results, arm, task, seed)
+            echo("\n".join(answer["decisions"]))
+            return
+        answer |= print_results(results, arm, task)
         if explain:
             print_words()
-        return
-    for line in decision_lines(results, arm, task, seed):
-        echo(line)
+
+
+@app.command("list")
+def list_results(
+    folder: Annotated[
+        Path, Argument(exists=True, file_okay=False, help="Where to look; here by default.")
+    ] = Path(),
+) -> None:
+    """Print the results folders here and one level below: arms, seeds and verdicts."""
+    from curricle.cli.output import print_folders
+
+    print_folders(folder)
 
 
 @app.command()
@@ -452,18 +496,22 @@ def compare(
         str | None, Option(help="Also whether each other arm gains more than this one.")
     ] = None,
     explain: Explain = False,
+    as_json: AsJson = False,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
-    from curricle.cli.output import print_words, table_width
+    from curricle.cli.output import comparison_data, json_alone, print_words, table_width
     from curricle.study import StudyResults, compare_studies
 
     comparison = compare_studies([StudyResults(folder) for folder in folders])
     answers = {} if against is None else comparison.against(against)
-    print(comparison.text(table_width()))
-    for name, verdict in answers.items():
-        print(f"{name} gains more than {against}: {verdict}")
-    if explain:
-        print_words()
+    with json_alone(as_json) as answer:
+        print(comparison.text(table_width()))
+        for name, verdict in answers.items():
+            print(f"{name} gains more than {against}: {verdict}")
+        if explain:
+            print_words()
+        answer |= comparison_data(comparison)
+        answer["against"] = {name: asdict(verdict) for name, verdict in answers.items()}
 
 
 @app.command()
@@ -483,23 +531,26 @@ def verdict(
     threshold: Annotated[float | None, Option(help="The return that counts as learnt.")] = None,
     out: Annotated[Path | None, Option(help="Also write the report, one HTML page.")] = None,
     explain: Explain = False,
+    as_json: AsJson = False,
 ) -> None:
     """Judge runs of any program: did pretraining pay, its steps charged against the other arms.
 
     Steps are charged by --charge, or by a column "charged" of a table.
     """
-    from curricle.cli.output import print_words, table_width
+    from curricle.cli.output import comparison_data, json_alone, print_words, table_width
     from curricle.comparison.other_runs import compare_files
 
     charged = dict(text.rpartition("=")[::2] for text in charge or [])
     comparison = compare_files(files, charged, curriculum or [], threshold)
-    print(comparison.text(table_width()))
-    if explain:
-        print_words()
-    if out is not None:
-        from curricle.show.report import page_of_runs, write_page
+    with json_alone(as_json) as answer:
+        print(comparison.text(table_width()))
+        answer |= comparison_data(comparison)
+        if explain:
+            print_words()
+        if out is not None:
+            from curricle.show.report import page_of_runs, write_page
 
-        echo(f"Open {write_page(page_of_runs(comparison), out)}")
+            echo(f"Open {write_page(page_of_runs(comparison), out)}")
 
 
 @app.command()
@@ -508,6 +559,7 @@ def paper(
     seeds: Annotated[int, Option(help="Seeds for everything that is learnt.")] = 30,
     out: Annotated[Path, Option(help="Folder for the results.")] = Path("paper-results"),
     workers: Annotated[int | None, Option(help="Threads; all processors by default.")] = None,
+    quiet: Quiet = False,
 ) -> None:
     """Reproduce the paper: figures, data, and a verdict on each of its claims.
 

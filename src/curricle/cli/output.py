@@ -1,7 +1,16 @@
-"""The output of commands: tables as wide as the terminal, explained words, results, previews."""
+"""The output of commands: tables as wide as the terminal, explained words, results, previews.
 
+What prints an answer also returns it as data, which a command prints instead with ``--json``.
+"""
+
+import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from dataclasses import asdict
+from io import StringIO
+from os.path import exists
+from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import fill
 from typing import Any
@@ -9,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import FloatArray
-from curricle.checks import one_of
+from curricle.checks import listed, one_of
+from curricle.comparison.comparison import Comparison
 from curricle.comparison.cost import Cost, costs, examining_seconds
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.plan import Memory, numbered_seeds, seed_ranges
@@ -18,16 +28,19 @@ from curricle.comparison.trial import hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues
-from curricle.errors import CurricleError, SettingError, StoreError
-from curricle.files import Place, place_at
+from curricle.errors import CurricleError, SettingError, StoreError, in_words
+from curricle.files import Place, as_json, place_at
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig, rivals
+from curricle.study.record import plain
 from curricle.study.results import StudyResults
 from curricle.study.running import usable_units
 from curricle.study.store import (
     CHOICE,
+    STUDY,
     TRIALS,
+    UNITS,
     Finished,
     StudyStore,
     check_ours,
@@ -81,6 +94,45 @@ def wrapped(text: str, indent: int = 0) -> str:
     )
 
 
+# -- Answers as data -------------------------------------------------------------------------------
+
+Data = dict[str, Any]
+
+
+@contextmanager
+def json_alone(wanted: bool) -> Iterator[Data]:
+    """Yield a dict for a command's answer; if `wanted` it alone is printed, as a JSON object."""
+    answer = Data()
+    with redirect_stdout(StringIO()) if wanted else nullcontext():  # what modules print, too
+        yield answer
+    if wanted:
+        print(as_json(_finite(answer)).decode(), end="")
+
+
+def _finite(value: Any) -> Any:
+    """Return data for JSON, with null for numbers that are not finite."""
+    if isinstance(value, Mapping):
+        return {key: _finite(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(part) for part in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def comparison_data(comparison: Comparison) -> Data:
+    """Return a comparison as data: its rows with each curriculum's headroom, and its sentences."""
+    names = ("target", "budget", "total", "seeds", "threshold", "threshold_from", "interim")
+    reference = {name: getattr(comparison.reference, name) for name in ("random_return", "optimum")}
+    rooms = {name: comparison.headroom(name) for name in comparison.controls}
+    return {
+        **{name: getattr(comparison, name) for name in names},
+        **reference,
+        "arms": [row | {"headroom": rooms.get(row["arm"])} for row in comparison.rows()],
+        "failed": {name: in_words(error) for name, error in comparison.failed.items()},
+        "sentences": comparison.sentences,
+    }
+
+
 # -- What the words under ``curricle check``, ``show`` and ``compare`` mean; the one place of it ---
 
 EXPLANATIONS = {
@@ -112,7 +164,7 @@ def print_words() -> None:
 # -- What ``curricle show`` prints of a sweep or a tuning ------------------------------------------
 
 
-def print_effects(results: StudyResults) -> None:
+def print_effects(results: StudyResults) -> Data:
     """Print the best trial of each arm and the main effects, of a study that has finished seeds."""
     tuned, effects = results.record.tuned, effects_of(results)
     if tuned is not None:
@@ -129,12 +181,14 @@ def print_effects(results: StudyResults) -> None:
             "main effects: mean return, sources charged, over all arms, 95 % intervals over seeds"
         )
         print_table(EFFECT_HEADS, effects_rows(effects))
+    levels = [effect._asdict() for effect in effects]
+    return {"tuned": None if tuned is None else plain(tuned), "effects": levels}
 
 
 # -- The tables and sentences of ``curricle show`` -------------------------------------------------
 
 
-def print_results(results: StudyResults, arm: str | None, task: str | None) -> None:
+def print_results(results: StudyResults, arm: str | None, task: str | None) -> Data:
     """Print a study's progress, what each task learnt, and the comparison if there is one."""
     _check(results, arm, task)
     record = results.record
@@ -147,6 +201,13 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
         print_text(yet_to_tune)
     if record.chosen:
         print(record.chosen)
+    learnt_tasks = [
+        (name, node, learnt)
+        for name, nodes in results.results.items()
+        for node, learnt in nodes.items()
+        if arm in (None, name) and task in (None, node)
+        if node == record.target or not record.arms[name].control_of  # else it is another's source
+    ]
     rows = [
         (
             f"{name}: {node}",
@@ -155,10 +216,7 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
             f"{learnt.episodes_used.mean():,.0f}",
             _mean_and_deviation(learnt.greedy_return[:, -1]),
         )
-        for name, nodes in results.results.items()
-        for node, learnt in nodes.items()
-        if arm in (None, name) and task in (None, node)
-        if node == record.target or not record.arms[name].control_of  # else it is another's source
+        for name, node, learnt in learnt_tasks
     ]
     if rows:
         print_table(("", "seeds", "steps", "episodes", "greedy return"), rows)
@@ -175,12 +233,19 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
         sources = any(recorded.transfers for recorded in record.arms.values())
         print_text(total_words(record.target, *steps, sources=sources))
     compared = record.total is not None and SCRATCH in {*record.arms} - {*results.failed}
+    answer: Data = {"study": record.name, "planned": record.seeds, "seeds": results.seeds}
+    answer |= {"failed": results.failed, "comparison": None}
+    answer["tasks"] = [
+        {"arm": name, "task": node, "greedy_return": learnt.greedy_return[:, -1].mean()}
+        for name, node, learnt in learnt_tasks
+    ]
     if compared and results.seeds:
         print(f"\n{results.comparison.text(table_width())}")
-        print_effects(results)
+        answer |= {"comparison": comparison_data(results.comparison), **print_effects(results)}
     else:
         for name, error in results.failed.items():
             print_text(f"{name} failed: {error}")
+    return answer
 
 
 def seeds_left(results: StudyResults) -> str:
@@ -233,10 +298,49 @@ def _mean_and_deviation(returns: FloatArray) -> str:
     return f"{mean:.4g} ± {deviation if deviation > ROUNDING * abs(mean) else 0.0:.2g}"
 
 
+# -- The results folders that ``curricle list`` prints ---------------------------------------------
+
+
+def print_folders(folder: Path) -> None:
+    """Print a line on each results folder: this one, or those in it and one level below."""
+    found = list[Path]()
+    for path in (folder, *sorted([*folder.glob("*/"), *folder.glob("*/*/")])):
+        if path.parent not in found and any(exists(path / part) for part in (STUDY, UNITS)):
+            found.append(path)  # but not the trials within a study
+    if not found:
+        print_text(f"no results in {folder} or one level below")
+        return
+    rows = [(f"{path}", *_brief(path)) for path in found]
+    heads = ("folder", "study", "arms", "seeds", "verdict")
+    print("\n".join(text_table(heads, rows, table_width(), prose=True)))
+
+
+def _brief(path: Path) -> tuple[str, ...]:
+    """Return a study's name, arms, seeds and verdicts as texts; or what a damaged folder lacks."""
+    facts = NONE, NONE, NONE
+    try:
+        results = StudyResults(path)
+        record, done = results.record, f"{len(results.seeds)} of {len(results.record.seeds)}"
+        facts = record.name, f"{sum(not arm.control_of for arm in record.arms.values())}", done
+        if not results.has_baseline:
+            return *facts, "not compared with scratch"
+        if not results.seeds:
+            return *facts, tuning_words(results.store) or "no seed is finished in every arm yet"
+        comparison, arms_by_answer = results.comparison, dict[str, list[str]]()
+        for name, verdict in comparison.verdicts.items():
+            answer = comparison.nobody or verdict.against_scratch
+            arms_by_answer.setdefault(answer, []).append(name)
+        answers = [f"{listed(names)}: {answer}" for answer, names in arms_by_answer.items()]
+        failed = [f"{name} failed" for name in comparison.failed]
+        return *facts, "; ".join([comparison.withheld] if comparison.withheld else answers + failed)
+    except (CurricleError, OSError) as error:
+        return *facts, in_words(error)
+
+
 # -- Before a study is run: its tasks, its cost, and what is left to do ----------------------------
 
 
-def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
+def print_preview(study: StudyConfig, *, forecast: bool = False) -> Data:
     """Print each arm's graph, cost and forecast, the whole of it with `forecast`."""
     arms = Arms.of(study)
     units = units_of(study, arms, {})
@@ -264,6 +368,9 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
     ]
     print_table(("cost at most", "seeds", "steps a seed", "time"), rows)
     seconds = sum(cost.seconds for cost in costing)
+    answer: Data = {"study": study.name, "arms": [*arms.curricula], "seeds": study.seeds}
+    answer |= {"units": len(units), "seconds": seconds, "budget": arms.budget, "total": arms.total}
+    answer["costs"] = [asdict(cost) for cost in costing]
     print_text(f"about {duration(seconds)} on one processor, without compilation and forecasts")
     if arms.budget is not None and arms.total not in (None, arms.budget):
         steps = arms.budget, arms.total, arms.eval_freq
@@ -285,7 +392,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
         study.check_networks()
     except SettingError as error:
         print_text(str(error))
-    print_forecasts(study, arms, costing, forecast)
+    return answer | {"forecasts": print_forecasts(study, arms, costing, forecast)}
 
 
 def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources: bool) -> str:
@@ -365,8 +472,14 @@ the limit by which they are estimated."""
 SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
-def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], whole: bool) -> None:
+def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], whole: bool) -> Data:
     """Print a forecast for each arm with a potential of the target, the first settings of each."""
+    answer, name = Data(), ""
+
+    def refuse(why: str) -> None:
+        print_text(f"no forecast: {why}")
+        answer[name] = {"no_forecast": why}
+
     first = dict[str, str]()
     for name in study.arms:
         variant = (study.variants or {}).get(name)
@@ -388,8 +501,8 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
         most = min(SEEDS, len(study.seeds))
         examining = most * examining_seconds(curriculum, a_step)
         if examining > LONGEST_EXAMINING and not whole:
-            print_text(
-                f"no forecast: to examine its sources and {arms.target} could take "
+            refuse(
+                f"to examine its sources and {arms.target} could take "
                 f"{duration(examining)}; curricle check --forecast does it, and curricle.forecast "
                 "also with fewer episodes"
             )
@@ -400,8 +513,8 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
         longest = np.inf if whole else LONGEST_DISTILLED if distilled else LONGEST
         seeds = next((study.seeds[:n] for n in (most, 1) if n * a_seed <= longest), ())
         if not seeds:
-            print_text(
-                f"no forecast: training {', '.join(keys)} for one seed could take "
+            refuse(
+                f"training {', '.join(keys)} for one seed could take "
                 f"{duration(a_seed)}; curricle check --forecast makes it"
             )
             continue
@@ -420,8 +533,11 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
         try:
             made = forecast(curriculum, seeds=seeds, trained=shared, **how)
         except (CurricleError, ImportError) as error:
-            print_text(f"no forecast: {error}")
+            refuse(str(error))
             continue
+        answer[name] = {"answer": made.answer, "headroom": made.headroom}
+        answer[name]["sources"] = {of: f"{learning}" for of, learning in made.sources.items()}
+        answer[name]["trial"] = made.trial and comparison_data(made.trial.comparison)
         print(made.text(line_width()))
         for fault in filter(None, map(mapping_fault, curriculum.in_edges(arms.target))):
             print_text(fault)
@@ -430,3 +546,4 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
             if sentence := seeds_sentence(*of_trial, asked, len(study.seeds)):
                 print_text(sentence)
         trained |= {(keys[source], seeds): values for source, values in made.trained.items()}
+    return answer
