@@ -112,9 +112,7 @@ def _hush(context: typer.Context, quiet: bool) -> None:
         context.with_resource(redirect_stderr(StringIO()))
 
 
-Quiet = Annotated[
-    bool, Option("--quiet", callback=_hush, help="Print nothing to stderr but errors.")
-]
+Quiet = Annotated[bool, Option("--quiet", callback=_hush, help="Print only errors to stderr.")]
 
 
 def _read(
@@ -417,9 +415,7 @@ def show(
 
 @app.command("list")
 def list_results(
-    folder: Annotated[
-        Path, Argument(exists=True, file_okay=False, help="Where to look; here by default.")
-    ] = Path(),
+    folder: Annotated[Path, Argument(exists=True, file_okay=False)] = Path(),
 ) -> None:
     """Print the results folders here and one level below: arms, seeds and verdicts."""
     from curricle.cli.output import print_folders

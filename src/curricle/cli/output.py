@@ -1,7 +1,4 @@
-"""The output of commands: tables as wide as the terminal, explained words, results, previews.
-
-What prints an answer also returns it as data, which a command prints instead with ``--json``.
-"""
+"""The output of commands: tables as wide as the terminal, explained words, results, previews."""
 
 import math
 import sys
@@ -33,7 +30,6 @@ from curricle.files import Place, as_json, place_at
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig, rivals
-from curricle.study.record import plain
 from curricle.study.results import StudyResults
 from curricle.study.running import usable_units
 from curricle.study.store import (
@@ -101,7 +97,7 @@ Data = dict[str, Any]
 
 @contextmanager
 def json_alone(wanted: bool) -> Iterator[Data]:
-    """Yield a dict for a command's answer; if `wanted` it alone is printed, as a JSON object."""
+    """Yield a dict for what a command also prints; if `wanted` it alone is printed, as JSON."""
     answer = Data()
     with redirect_stdout(StringIO()) if wanted else nullcontext():  # what modules print, too
         yield answer
@@ -115,7 +111,6 @@ def _finite(value: Any) -> Any:
         return {key: _finite(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(part) for part in value]
-    value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -164,7 +159,7 @@ def print_words() -> None:
 # -- What ``curricle show`` prints of a sweep or a tuning ------------------------------------------
 
 
-def print_effects(results: StudyResults) -> Data:
+def print_effects(results: StudyResults) -> None:
     """Print the best trial of each arm and the main effects, of a study that has finished seeds."""
     tuned, effects = results.record.tuned, effects_of(results)
     if tuned is not None:
@@ -181,8 +176,6 @@ def print_effects(results: StudyResults) -> Data:
             "main effects: mean return, sources charged, over all arms, 95 % intervals over seeds"
         )
         print_table(EFFECT_HEADS, effects_rows(effects))
-    levels = [effect._asdict() for effect in effects]
-    return {"tuned": None if tuned is None else plain(tuned), "effects": levels}
 
 
 # -- The tables and sentences of ``curricle show`` -------------------------------------------------
@@ -241,7 +234,8 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> D
     ]
     if compared and results.seeds:
         print(f"\n{results.comparison.text(table_width())}")
-        answer |= {"comparison": comparison_data(results.comparison), **print_effects(results)}
+        answer["comparison"] = comparison_data(results.comparison)
+        print_effects(results)
     else:
         for name, error in results.failed.items():
             print_text(f"{name} failed: {error}")
@@ -311,8 +305,8 @@ def print_folders(folder: Path) -> None:
         print_text(f"no results in {folder} or one level below")
         return
     rows = [(f"{path}", *_brief(path)) for path in found]
-    heads = ("folder", "study", "arms", "seeds", "verdict")
-    print("\n".join(text_table(heads, rows, table_width(), prose=True)))
+    heads = "folder", "study", "arms", "seeds", "verdict"
+    print(*text_table(heads, rows, table_width(), prose=True), sep="\n")
 
 
 def _brief(path: Path) -> tuple[str, ...]:
@@ -328,8 +322,7 @@ def _brief(path: Path) -> tuple[str, ...]:
             return *facts, tuning_words(results.store) or "no seed is finished in every arm yet"
         comparison, arms_by_answer = results.comparison, dict[str, list[str]]()
         for name, verdict in comparison.verdicts.items():
-            answer = comparison.nobody or verdict.against_scratch
-            arms_by_answer.setdefault(answer, []).append(name)
+            arms_by_answer.setdefault(verdict.against_scratch, []).append(name)
         answers = [f"{listed(names)}: {answer}" for answer, names in arms_by_answer.items()]
         failed = [f"{name} failed" for name in comparison.failed]
         return *facts, "; ".join([comparison.withheld] if comparison.withheld else answers + failed)

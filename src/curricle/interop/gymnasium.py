@@ -299,7 +299,7 @@ SUGGESTED = 3  # ids that a message about an unknown id names
 
 
 def suggested_ids(name: str) -> str:
-    """Return ``, did you mean ID?`` with similar ids of the registry; empty for a known id.
+    """Return ``, did you mean ID?`` with similar ids of the registry, or the extra that has it.
 
     MiniGrid's are registered if it is installed, and have its module, as other processes find them.
     """
@@ -307,6 +307,8 @@ def suggested_ids(name: str) -> str:
         return ""
     if find_spec("minigrid"):
         import_module("minigrid")
+    elif name.startswith(("MiniGrid-", "BabyAI-", "minigrid:")):
+        return ': pip install "curricle[minigrid]" adds environments of MiniGrid'
     ids = {entry.lower(): entry for entry in registry}
     written = name.lower()
     near = [entry for entry in ids if written in entry]

@@ -15,6 +15,7 @@ import curricle as cr
 from curricle.interop.states import words_of_state
 from curricle.interop.tabulated_task import assembled, parts_of
 from curricle.interop.tabulation import named_states, words_of_blocks
+from curricle.study.templates import new_study
 from curricle.tasks.mdp import same_task
 from curricle.tasks.observation_task import EnvironmentMaker
 from tests.support.refusals import check_values
@@ -376,6 +377,13 @@ def test_what_names_nothing_is_refused():
     ):
         with pytest.raises(cr.errors.TaskError, match=meant):
             cr.from_gymnasium(name, discount=0.9)
+
+
+def test_without_minigrid_its_environments_name_the_extra_to_install(monkeypatch):
+    monkeypatch.setattr("curricle.interop.gymnasium.find_spec", lambda _: None)
+    monkeypatch.setattr("curricle.study.templates.find_spec", lambda _: None)
+    with pytest.raises(cr.errors.ConfigError, match=r'pip install "curricle\[minigrid\]"'):
+        new_study("MiniGrid-Absent-v0")
 
 
 class Room(gym.Env):
