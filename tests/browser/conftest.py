@@ -32,6 +32,9 @@ def studies():
     many = {
         f"{letter}, with a long_name_that_has_no_space_in_it": maze_plan(3) for letter in "abcdef"
     }
+    five = {f"scaled by {n}": hunt_plan(cr.mean, scale=n) for n in range(1, 5)}  # and scratch
+    study = record("five", five, 6)
+    found["five"] = study.comparison, page_of(study)
     study = record("many", many, 2)
     found["many"] = study.comparison, page_of(study)
     runs = compare_files([RUNS], {"pretrained": "4096"})

@@ -1,5 +1,7 @@
 """The page of a study in a browser: by mouse and keyboard, on a phone, on paper, offline."""
 
+import re
+
 import pytest
 from markupsafe import Markup
 
@@ -134,18 +136,68 @@ def test_words_on_a_phone_are_large_enough(visit):
     assert min(sizes) >= 9.5
 
 
-def test_paper_shows_both_axes_and_three_moments_of_each_training(visit):
+def test_paper_shows_both_axes_once_and_nothing_to_click(visit):
     page = visit("maze")
-    static = page.locator(".curves.strong .wide")
-    assert (page.locator("#chart").is_visible(), static.is_visible()) == (True, False)
+    beside, static = page.locator(".answered .plot"), page.locator(".curves.weak .wide")
+    shown = [page.locator("#chart"), beside, static]
+    assert [part.is_visible() for part in shown] == [True, True, False]
     page.emulate_media(media="print")
-    assert page.locator("#chart").is_hidden()
-    assert static.bounding_box()["width"] == page.locator("#curves").bounding_box()["width"]
-    assert visible(page, ".curves") == [True, True]
-    shown = visible(page, ".still, .still .moments svg")
-    assert shown == [True] * 11  # the source ends early: two moments
-    assert visible(page, ".live, nav, .switch") == [False] * 3
-    assert not any(visible(page, "button:not(.legend *), input, select"))
+    assert [part.is_visible() for part in shown] == [False, True, True]
+    assert visible(page, ".curves.strong, #watch, nav, .switch") == [False] * 4
+    assert not any(visible(page, "button:not(.legend *), input, select, details"))
+    page.locator("#measures details").evaluate("e => { e.open = true; }")
+    assert page.locator(".meanings").is_visible()
+
+
+def test_five_arms_fit_on_four_sheets(visit):
+    sheets = visit("five").pdf(format="A4", prefer_css_page_size=True)
+    assert 2 <= len(re.findall(rb"/Type\s*/Page\b", sheets)) <= 4
+
+
+def test_the_curve_is_beside_the_verdicts_and_above_them_on_a_phone(visit):
+    def corners(page):
+        boxes = [page.locator(part).first.bounding_box() for part in (".answered", ".finding")]
+        return [(box["x"], box["y"]) for box in boxes]
+
+    (left, top), (right, side) = corners(visit("hunt"))
+    assert (top == side, left < right) == (True, True)
+    (left, top), (right, side) = corners(visit("hunt", PHONE))
+    assert (top < side, left == right) == (True, True)
+
+
+FAINT = """least => [...document.querySelectorAll(
+    "p, li, td, th, h1, h2, h3, h4, a, code, figcaption, button, .plot text"
+)].filter(e => e.getClientRects().length && e.textContent.trim() && !e.disabled).map(e => {
+    const light = (css) => css.match(/[\\d.]+/g).slice(0, 3).map(x => x / 255)
+        .map(x => x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4)
+        .reduce((sum, x, n) => sum + x * [0.2126, 0.7152, 0.0722][n], 0.05);
+    let box = e;
+    while (box && /, 0\\)$/.test(getComputedStyle(box).backgroundColor)) box = box.parentElement;
+    const ends = [getComputedStyle(box).backgroundColor, e instanceof SVGElement
+        ? getComputedStyle(e).fill : getComputedStyle(e).color].map(light).sort((a, b) => a - b);
+    return [ends[1] / ends[0], e.outerHTML.slice(0, 90)];
+}).filter(([contrast]) => contrast < least)"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_words_and_lines_stand_out_in_either_scheme(visit, scheme):
+    page = visit("hunt", color_scheme=scheme)
+    assert page.evaluate(FAINT, 4.5) == []
+    strokes = page.eval_on_selector_all(
+        ".plot path[style*='stroke-width: 1.5'], .swatch path, .forest path, .edges path",
+        "all => all.map(e => getComputedStyle(e).stroke)",
+    )
+    paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    lights = [luminance(colour) + 0.05 for colour in strokes]
+    ground = luminance(paper) + 0.05
+    assert min(max(x, ground) / min(x, ground) for x in lights) >= 2.2  # orange on white; on dark 3
+    assert (ground < 0.1) == (scheme == "dark")
+
+
+def luminance(colour):
+    parts = [float(x) / 255 for x in re.findall(r"[\d.]+", colour)[:3]]
+    linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in parts]
+    return sum(x * weight for x, weight in zip(linear, (0.2126, 0.7152, 0.0722), strict=True))
 
 
 def test_without_scripts_all_is_there(visit):

@@ -160,8 +160,8 @@ def default_page(place: Place) -> Path:
 
 
 UPLOT = "vendor/uplot-1.6.32.min.js"
-WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
-"""Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
+WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120), "beside": (4.4, 3.2, 120)}
+"""Width and height of the curves in each place, in inches, and the checkpoints drawn at most."""
 
 
 def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -> str:
@@ -326,7 +326,7 @@ def inline_svg(figure: Figure, name: str, label: str) -> Markup:
                 element.set(key, value)
     box = root.get("viewBox", "")
     root.attrib.clear()
-    root.attrib.update({"viewBox": box, "role": "img", "aria-label": label})
+    root.attrib.update({"class": "plot", "viewBox": box, "role": "img", "aria-label": label})
     root.set("stroke-linejoin", "round")
     return Markup(ElementTree.tostring(root, encoding="unicode"))
 

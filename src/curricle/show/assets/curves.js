@@ -8,6 +8,7 @@ document.addEventListener("DOMContentLoaded", () => {
   const listed = rows.map((row) => arms.find((arm) => arm.name === row.dataset.arm));
   let panel = "strong", plot = null, named = null, nearest = null; // arms under the pointer: by name, or line
 
+  const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const shownArms = () => arms.filter((arm) => arm.shown);
   const steps = () => data.steps.slice(0, arms[0][panel].mean.length);
   const minus = (text) => text.replace("-", "\u2212");
@@ -60,13 +61,13 @@ document.addEventListener("DOMContentLoaded", () => {
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
     if (data.threshold !== null) line([[steps()[0], data.threshold], [steps().at(-1), data.threshold]], "#777", 1);
-    Object.assign(ctx, { fillStyle: "#555", font: `${12 * pxRatio}px system-ui, sans-serif`, textAlign: "right" });
+    Object.assign(ctx, { fillStyle: token("--soft"), font: `${12 * pxRatio}px system-ui, sans-serif`, textAlign: "right" });
     const corner = bbox.left + bbox.width - 4 * pxRatio;
     if (data.threshold !== null) ctx.fillText(`threshold ${data.threshold_words}`, corner, y(data.threshold) - 5 * pxRatio);
     for (const arm of shownArms()) {
       const first = arm[panel].mean.findIndex((value) => value !== null), start = steps()[first];
       const before = [[0, data.random], [start, data.random], [start, arm[panel].mean[first]]];
-      if (first > 0) line(before, "#555", 1.4, [1.5, 3]);
+      if (first > 0) line(before, token("--soft"), 1.4, [1.5, 3]);
       const shift = (k) => (panel === "strong" ? arm.source_steps[k] : 0);
       if (seeds) arm.seeds.forEach((row, k) => line(row.map((value, t) => [data.seed_steps[t] + shift(k), value]), `${arm.colour}80`, 0.8));
     }
@@ -80,14 +81,15 @@ document.addEventListener("DOMContentLoaded", () => {
     const width = at("chart-place").clientWidth;
     return { width, height: Math.round(Math.max(300, Math.min(470, width * 0.56))) };
   };
-  const axis = {
+  const axis = () => ({
     values: (u, values) => values.map((value) => (value === null ? "" : grouped(value))),
-    stroke: "#444", grid: { stroke: "#e4e4e4", width: 1 }, ticks: { width: 1 },
+    stroke: token("--line"), grid: { stroke: token("--rule"), width: 1 }, ticks: { stroke: token("--rule"), width: 1 },
     font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
-  };
+  });
   const colour = (u, n) => (n % 3 ? "transparent" : arms[n / 3 - 1].colour);
   const draw = () => {
     plot?.destroy();
+    arms.forEach((arm, n) => { if (data.arms[n].colour === "#000000") arm.colour = token("--scratch"); });
     const y = data.symlog ? { distr: 4, asinh: data.symlog } : {};
     const range = (u, low, high) => (zoomed(u) ? uPlot.rangeNum(low, high, 0.06, true) : data.heights);
     const line = { width: 0, points: { show: false } };
@@ -101,8 +103,9 @@ document.addEventListener("DOMContentLoaded", () => {
       cursor: { y: false, drag: { x: true, y: true, uni: 20 }, points: { fill: colour, stroke: colour, size: 8 } },
       scales: { x: { time: false }, y: { ...y, range } },
       axes: [
-        { ...axis, label: panel === "strong" ? "target and source steps" : "target steps", space: 80 },
-        { ...axis, label: `${data.returns}${data.symlog ? ", asinh scale" : ""}`, size: 64 },
+        { ...axis(), label: panel === "strong" ? "target and source steps" : "target steps", space: 80 },
+        // A tick at the end of an asinh axis may be no round number.
+        { ...axis(), values: (u, all) => axis().values(u, all.map((y) => (data.symlog && y !== Number(y?.toPrecision(6)) ? null : y))), label: `${data.returns}${data.symlog ? ", asinh scale" : ""}`, size: 64 },
       ],
       series: [{}, ...series],
       bands: arms.map((arm, n) => ({ series: [3 * n + 2, 3 * n + 1], fill: () => (banded(arm) ? `${arm.colour}2e` : null) })),
@@ -174,5 +177,6 @@ document.addEventListener("DOMContentLoaded", () => {
   at("curves").classList.add("answering");
   panel = at("axis-weak").checked ? "weak" : "strong";
   draw();
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   new ResizeObserver(() => plot.setSize(size())).observe(at("chart-place"));
 });
