@@ -382,10 +382,10 @@ def test_the_command_prints_and_writes(small, tmp_path, curricle):
     assert "gains" in printed
     assert "curricle run" in printed
     assert not cr.read_study(out).choose
-    code, printed, complaint = curricle("choose", small, "--json", "--quiet")
+    code, data, complaint = curricle("choose", small, "--json", "--quiet")
     assert (code, complaint) == (0, "")
-    data = json.loads(printed)
-    assert data["rows"][0]["name"] == data["name"] != ""
+    assert printed.startswith(f"{json.loads(data)['sentence']}\n")
+    assert json.loads(data)["rows"][0]["name"] in printed
     code, _, complaint = curricle("choose", small, "--out", out)
     assert code == 1
     assert "needs a new file" in complaint
