@@ -44,6 +44,7 @@ from curricle.study.store import (
 )
 from curricle.study.tuning import (
     EFFECT_HEADS,
+    NONE,
     effects_of,
     effects_rows,
     tuned_before,

@@ -44,6 +44,7 @@ from curricle.text import counted
 # too, and judged by all: a setting that fails in one seed of twenty shines in three.
 
 FINALISTS = 5  # of each arm
+NONE = "–"  # in tables, where there is nothing
 
 Tried = Callable[[Arms, Sequence[int], str], StudyResults]
 """Trains some arms of trials on further seeds, under a title, and returns their results."""
@@ -217,7 +218,7 @@ def tuning_rows(tuned: TunedRecord) -> list[tuple[str, ...]]:
 def short(value: object) -> str:
     """Return a value that was tried: numbers in three significant digits, or as whole ones."""
     if value is None:
-        return "–"
+        return NONE
     if isinstance(value, int | float) and not isinstance(value, bool):
         whole = isinstance(value, int) or abs(value) >= 1000
         return f"{value:,.0f}" if whole else f"{value:.3g}"
