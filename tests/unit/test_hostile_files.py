@@ -192,11 +192,12 @@ def test_a_folder_that_is_a_link_is_not_written_to(place, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("stored", "why"), [(0, "No such file or directory"), (2, "holds a study.json: .* has none")]
+    ("stored", "why"), [(0, "No such file or directory"), (3, "holds a study.json: .* has none")]
 )
 def test_a_folder_that_is_moved_while_a_run_writes_ends_it(stored, why, tmp_path):
-    maze = {"type": "maze", "map": "S.T", "budget": 200}
-    arms = {"transfer": {"tasks": {"maze": maze}}}
+    maze, near = ({"type": "maze", "map": m, "budget": 200} for m in ("S.T", "ST"))
+    edge = {"source": "near", "target": "maze", "project": {}}
+    arms = {"transfer": {"tasks": {"maze": maze, "near": near}, "transfers": [edge]}}
     study = StudyConfig.from_data(
         {"name": "line", "seeds": [0, 1], "arms": arms, "opponents": []}, tmp_path
     )

@@ -154,7 +154,8 @@ def test_one_curriculum_of_one_opponent_is_printed_and_drawn(curricle):
     assert page.count("greedy") == 1  # in what the columns mean
     sections = re.findall(r'<section id="(\w+)"', page)
     assert sections == ["findings", "curves", "measures", "run"]
-    assert re.findall(r'<a href="#(\w+)">', page) == sections
+    links = re.findall(r'<a href="#(\w+)">', page)
+    assert [*dict.fromkeys(links)] == sections
 
 
 def test_the_page_prints_what_it_says(curricle):
