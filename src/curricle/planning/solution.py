@@ -103,7 +103,7 @@ class Solution(PolicyValues):
     array([False,  True,  True, False])
     """
 
-    steps: int | None = None
+    steps: int | None = field(default=None, repr=False)
 
     __repr__ = brief_repr
 
