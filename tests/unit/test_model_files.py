@@ -184,6 +184,14 @@ def test_prism_and_storm_say_the_same(written):
         ("m.drn", DRN.replace("1 : 0.9", "7 : 0.9"), {"reward": "coins"}, "lie in 0..2: got 7"),
         ("m.drn", DRN.replace("MDP", "MA"), {"reward": "coins"}, "m.drn: the type must be one of"),
         ("m.drn", DRN.replace("2 : 1", "somewhere"), {"reward": "coins"}, "line 21: a state, an"),
+        ("m.tra", TRA + "\n0 1 99999999999 1 far", {}, "the states of m.tra must fit half"),
+        ("m.tra", TRA + "\n0 1 -1 1 back", {}, "lie in 0..2: got -1"),
+        (
+            "m.mdp",
+            TIGER.replace("tiger-left tiger-right\nactions", "9" * 12 + "\nactions"),
+            {},
+            "the states of m.mdp must fit half",
+        ),
         ("m.mdp", "discount: 0.9", {}, "must list its actions"),
         ("m.mdp", TIGER.replace("T:open-left", "T:open"), {}, "one of its 3 actions is needed"),
         ("m.mdp", TIGER.replace("0.85 0.15\n", "0.85\n"), {}, "4 numbers are needed: got 3"),
@@ -194,3 +202,14 @@ def test_prism_and_storm_say_the_same(written):
 def test_refusals(name, text, settings, message, written):
     settings = {"discount": None if "pass discount" in message else 0.9} | settings
     check_refusal(TaskError, lambda: read_model(written(name, text), **settings), message)
+
+
+def test_what_is_no_text_is_refused(tmp_path):
+    file = tmp_path / "m.drn"
+    file.write_bytes(b"\xff\xfe\x00state 0")
+    check_refusal(TaskError, lambda: read_model(file, discount=0.9), "m.drn is none")
+
+
+def test_labels_of_states_that_are_not_there_are_refused(written):
+    written("m.lab", '0="goal"\n7: 0')
+    check_refusal(TaskError, lambda: read_model(written("m.tra", TRA), discount=0.9), "got 7")

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,10 +11,13 @@ import numpy as np
 from curricle.arrays import FloatArray
 from curricle.checks import brief, check_memory, one_of
 from curricle.errors import TaskError
+from curricle.files import read_bounded
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
 
 INITIAL = "init"  # the label of states that episodes start in
+LARGEST = 2**30  # bytes of a file, at most
+OF_STATE = 1_000  # bytes that a state takes while it is read, about
 
 
 class Choice(NamedTuple):
@@ -151,9 +155,17 @@ def _actions(choices: Sequence[Choice]) -> tuple[tuple[str, ...], list[int]]:
     return ("",) * (1 + max(numbers, default=0)), numbers
 
 
+def _text(path: Path) -> str:
+    """Return a file's text; TaskError if it is none."""
+    try:
+        return read_bounded(path, LARGEST).decode()
+    except UnicodeDecodeError:
+        raise TaskError(f"a model must be a text, in UTF-8: {path.name} is none") from None
+
+
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Yield the lines that are not empty, with their places."""
-    for n, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for n, line in enumerate(_text(path).splitlines(), start=1):
         if line.strip():
             yield line.strip(), f"{path.name}, line {n}"
 
@@ -167,7 +179,7 @@ def _read(word: str, kind: type, place: str) -> Any:
 
 # -- Storm and PRISM -------------------------------------------------------------------------------
 
-STATE = re.compile(r"state (\d+)(?: ![^ ]+)?(?: \{[^}]*\})?(?: \[([^\]]*)\])?(.*)")
+STATE = re.compile(r"state (\d{1,18})(?: ![^ ]+)?(?: \{[^}]*\})?(?: \[([^\]]*)\])?(.*)")
 ACTION = re.compile(r"action (\S+)(?: \[([^\]]*)\])?")
 
 
@@ -175,7 +187,7 @@ def _drn(path: Path, wanted: str | None) -> Model:
     """Return what a file of Storm's says; states and actions have rewards, which add up."""
     models, which, section = list[str](), 0, ""
     choices, labels = list[Choice](), dict[str, set[int]]()
-    state = states = paid = 0.0
+    state, states, paid, earned = 0, 0, 0.0, 0.0
     for line, place in _lines(path):
         if line.startswith("@"):
             section, _, value = line[1:].partition(":")
@@ -194,7 +206,7 @@ def _drn(path: Path, wanted: str | None) -> Model:
                 labels.setdefault(label, set()).add(state)
         elif found := ACTION.fullmatch(line):
             earned = paid + _reward(found[2], which, place)
-            choices.append(Choice(int(state), found[1], {}, {}))
+            choices.append(Choice(state, found[1], {}, {}))
         elif section == "model" and line.count(":") == 1 and choices:
             after, chance = (word.strip() for word in line.split(":"))
             after = _read(after, int, place)
@@ -202,7 +214,7 @@ def _drn(path: Path, wanted: str | None) -> Model:
             choices[-1].rewards[after] = earned
         elif section == "model" and not line.startswith("//"):
             raise TaskError(f"{place}: a state, an action or an outcome must stand here: {line!r}")
-    return _checked(path, Model(int(states), choices, labels))
+    return _checked(path, Model(states, choices, labels))
 
 
 def _reward(listed: str | None, which: int, place: str) -> float:
@@ -226,11 +238,13 @@ def _tra(path: Path, _wanted: str | None) -> Model:
         if (state, choice) not in choices:
             raise TaskError(f"{place}: {path.name} has no choice {choice} in state {state}")
         choices[state, choice].rewards[after] = _read(words[3], float, place)
-    for words, place in _rows(path.with_suffix(".srew"), 2, most=2):
-        state, paid = _read(words[0], int, place), _read(words[1], float, place)
-        for made in (made for made in choices.values() if made.state == state):
-            for after in made.outcomes:
-                made.rewards[after] = made.rewards.get(after, 0.0) + paid
+    paid = {
+        _read(words[0], int, place): _read(words[1], float, place)
+        for words, place in _rows(path.with_suffix(".srew"), 2, most=2)
+    }
+    for (state, _), made in choices.items() if paid else ():
+        for after in made.outcomes:
+            made.rewards[after] = made.rewards.get(after, 0.0) + paid.get(state, 0.0)
     beside = path.with_suffix(".lab")
     for line, place in _lines(beside) if beside.exists() else ():
         if not names:  # 0="init" 1="goal"
@@ -257,12 +271,13 @@ def _checked(path: Path, model: Model) -> Model:
     """Return a model whose states are all there, each with a choice."""
     if not model.choices:
         raise TaskError(f"{path.name} must have rows of states and choices: got none")
-    n, known = model.n_states, {choice.state for choice in model.choices}
-    for choice in model.choices:
-        for after in (choice.state, *choice.outcomes, *choice.rewards):
-            if not 0 <= after < n:
-                raise TaskError(f"{path.name}: states must lie in 0..{n - 1}: got {after}")
-    for state in {*range(n)} - known:  # without a choice nothing happens there
+    n_states, with_choice = model.n_states, {choice.state for choice in model.choices}
+    check_memory(f"the states of {path.name}", OF_STATE * n_states, TaskError)
+    named = [(choice.state, *choice.outcomes, *choice.rewards) for choice in model.choices]
+    for state in chain(*named, *model.labels.values()):
+        if not 0 <= state < n_states:
+            raise TaskError(f"{path.name}: states must lie in 0..{n_states - 1}: got {state}")
+    for state in {*range(n_states)} - with_choice:  # without a choice nothing happens there
         model.choices.append(Choice(state, "", {state: 1.0}, {}))
     return model
 
@@ -295,7 +310,7 @@ class Axis(NamedTuple):
 
 def _cassandra(path: Path, _wanted: str | None) -> Model:
     """Return what a file of Cassandra's says; of statements on the same, the last counts."""
-    file, text = path.name, re.sub("#.*", "", path.read_text(encoding="utf-8"))
+    file, text = path.name, re.sub("#.*", "", _text(path))
     _, *parts = STATEMENT.split(text)
     statements = [(kind.split(), body) for kind, body in zip(parts[::2], parts[1::2], strict=True)]
     said = {kind[-1]: body.split() for kind, body in statements}
@@ -304,8 +319,11 @@ def _cassandra(path: Path, _wanted: str | None) -> Model:
         words = said.get(kind) or ["1"] * (kind == "observations")
         if not words:
             raise TaskError(f"{file} must list its {kind}, or say how many there are")
-        counted = len(words) == 1 and words[0].isdigit()
-        axes.append(Axis(kind, [*map(str, range(int(words[0])))] if counted else words))
+        if len(words) == 1 and words[0].isdecimal():
+            count = _read(words[0], int, file)
+            check_memory(f"the {kind} of {file}", OF_STATE * count, TaskError)
+            words = [*map(str, range(count))]
+        axes.append(Axis(kind, words))
     a, s, o = axes
     sizes = {"T": (a, s, s), "O": (a, s, o), "R": (a, s, s, o)}
     cells = len(a.names) * len(s.names) * (len(s.names) + 1) * (1 + len(o.names))
@@ -315,7 +333,7 @@ def _cassandra(path: Path, _wanted: str | None) -> Model:
     for (kind, *_), body in statements:
         if kind in tables:
             _fill(tables[kind], sizes[kind], body, start, f"{file}, {kind}:{brief(body)}")
-    seen = tables["O"] if o.names and "O" in said else np.ones(tables["O"].shape)
+    seen = tables["O"] if "O" in said else np.ones(tables["O"].shape)
     sign = -1.0 if said.get("values") == ["cost"] else 1.0
     paid = sign * np.einsum("asto,ato->ast", tables["R"], seen)
     choices = []
