@@ -158,8 +158,10 @@ class Plan:
             whole = as_long(curriculum)
             # Without a source or a potential an arm is a learner from scratch: an opponent.
             alone = bool(scratches) and compared and not whole.has_potential(target)
-            own = whole.setting("learner", target)
-            if alone and own in (arm.curriculum.setting("learner", target) for _, arm in arms):
+            learner = whole.setting("learner", target)
+            if alone and learner in (
+                arm.curriculum.setting("learner", target) for _, arm in arms if arm.scratch
+            ):
                 continue  # an opponent learns as it does
             arms.append((name, PlannedArm(whole, *keys_of(name, whole, ""), scratch=alone)))
             kinds = {False: control_arms(controls, whole), True: constants_of(opponents, whole)}
