@@ -100,6 +100,8 @@ class Target:
             return float("nan")
         model = generative_model(self.task)
         if self.optimum_bounds and model.time_limit is not None:
+            if self.solution.steps is not None:
+                return self.solution.start_value
             mdp = tables(self.task)
             return float(mdp.start @ values_in(TabularPlanningModel.of(mdp), model.time_limit))
         best = Values(self.solution.action_values)
