@@ -298,14 +298,14 @@ def _mean_and_deviation(returns: FloatArray) -> str:
 
 def print_folders(folder: Path) -> None:
     """Print a line on each results folder: this one, or those in it and one level below."""
-    found = list[Path]()
+    with_results = list[Path]()
     for path in (folder, *sorted([*folder.glob("*/"), *folder.glob("*/*/")])):
-        if path.parent not in found and any(exists(path / part) for part in (STUDY, UNITS)):
-            found.append(path)  # but not the trials within a study
-    if not found:
+        if path.parent not in with_results and any(exists(path / part) for part in (STUDY, UNITS)):
+            with_results.append(path)  # but not the trials within a study
+    if not with_results:
         print_text(f"no results in {folder} or one level below")
         return
-    rows = [(f"{path}", *_brief(path)) for path in found]
+    rows = [(f"{path}", *_brief(path)) for path in with_results]
     heads = "folder", "study", "arms", "seeds", "verdict"
     print(*text_table(heads, rows, table_width(), prose=True), sep="\n")
 

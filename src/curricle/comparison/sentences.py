@@ -375,14 +375,14 @@ def headroom_sentence(arms: MeasuredArms, name: str) -> str:
 def share_saved(arms: MeasuredArms, name: str, rival: str = "") -> str:
     """Return the share of an opponent's steps that an arm saves, by default the quickest's."""
     times = [arms.times(arm) for arm in (name, rival or arms.quickest_opponent(name))]
-    own, others = (of.reached.all() for of in times)
+    arm_learnt, rival_learnt = (of.reached.all() for of in times)
     share = arms.contrasts[name].share_of_steps_saved
     if rival:
         share = steps_saved_share(times[0], times[1:])
     if np.isnan(share.estimate):
-        return "-" if arms.nobody or own else "unknown (seeds of both never get there)"
-    least = share.estimate < 1 and not others
-    return "at most " * (not own) + "at least " * bool(least) + short(share)
+        return "-" if arms.nobody or arm_learnt else "unknown (seeds of both never get there)"
+    least = share.estimate < 1 and not rival_learnt
+    return "at most " * (not arm_learnt) + "at least " * bool(least) + short(share)
 
 
 def saved_sentence(arms: MeasuredArms, name: str) -> str:
@@ -404,12 +404,12 @@ def instead(arms: MeasuredArms, name: str) -> str:
 
 def without_source(arms: MeasuredArms, name: str) -> tuple[str, str]:
     """Return an arm's best opponent as a learner, and as settings of a study file."""
-    best, own = arms.best_opponent(name), "the target's own learner"
+    best, own_learner = arms.best_opponent(name), "the target's own learner"
     if best == SCRATCH:
-        return own, ""
+        return own_learner, ""
     label = (_started(arms, best).strip(" ()") or best).removeprefix(f"{SCRATCH}, ")
     if label.startswith("initial_value="):
-        return f"{own} with {label}", f"learner.{label.replace('=', ' = ')}, "
+        return f"{own_learner} with {label}", f"learner.{label.replace('=', ' = ')}, "
     # A table that changed the type alone would keep the other learner's settings.
     return label, f'learner = {{ type = "{label}" }}, ' * (label == OptimisticQLearning.__name__)
 

@@ -218,9 +218,9 @@ class Node:
         for greedy, agreement, level, floor, used, spent, ending in zip(
             result.greedy_return, result.agreement, *recorded, strict=True
         ):
-            known = {"agreement": agreement, "level": level, "floor": floor, "used": used}
-            *rest, last = judge(result.steps, greedy, **known)
-            of_seeds.append([*rest, replace(last, evaluation_steps=spent, ended_by=ending)])
+            measured = {"agreement": agreement, "level": level, "floor": floor, "used": used}
+            *earlier, last = judge(result.steps, greedy, **measured)
+            of_seeds.append([*earlier, replace(last, evaluation_steps=spent, ended_by=ending)])
         return Decisions(of_seeds, result.seeds)
 
 

@@ -122,9 +122,9 @@ class Portfolio:
 
     def informed(self, phi: PairPotential, bounds: tuple[float, float] | None) -> FloatArray:
         """Return the start of the informed optimist's values, (S, A) float64."""
-        known, (added, lowest, highest) = phi.known, self.starts(phi, bounds)[INFORMED]
-        start = np.clip(known + added, lowest, highest)
-        return np.asarray(np.where(np.isnan(known), highest, start))
+        values, (added, lowest, highest) = phi.known, self.starts(phi, bounds)[INFORMED]
+        start = np.clip(values + added, lowest, highest)
+        return np.asarray(np.where(np.isnan(values), highest, start))
 
 
 class Tally(NamedTuple):

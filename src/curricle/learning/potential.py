@@ -348,8 +348,10 @@ class MappedPotential(PairPotential):
 
 def extremes_of(values: FloatArray) -> tuple[float, float]:
     """Return the lowest and the highest of values that are finite; 0 and 0 where none is."""
-    known = values[np.isfinite(values)]
-    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    numbers_alone = values[np.isfinite(values)]
+    if not numbers_alone.size:
+        return 0.0, 0.0
+    return float(numbers_alone.min()), float(numbers_alone.max())
 
 
 def finite_scale(scale: float, shift: float) -> tuple[float, float]:
@@ -369,12 +371,12 @@ def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
 
 def _nan_at(values: FloatArray, unknown: Any, ends: Any) -> FloatArray:
     """Return a copy of values, (S, A), with NaN at unknown pairs and in terminal states."""
-    known = values.copy()
+    with_gaps = values.copy()
     if unknown is not None:
-        known[unknown] = np.nan
+        with_gaps[unknown] = np.nan
     if ends is not None:
-        known[ends] = np.nan
-    return known
+        with_gaps[ends] = np.nan
+    return with_gaps
 
 
 def finite(array: npt.ArrayLike, name: str) -> FloatArray:

@@ -585,9 +585,9 @@ def at_goal(tasks: TaskPair) -> Iterator[Proposal]:
         raise MappingError(str(error)) from None
     for component in tasks.source.states.components:
         origin = _origin(tasks.target.states, component, {})
-        wanted, own = ({*goal[component.name].tolist()} for goal in goals)
-        if len(wanted) == len(own) == 1 and origin.labels is None:
-            shifts[component.name] = min(own) - min(wanted)
+        of_target, of_source = ({*goal[component.name].tolist()} for goal in goals)
+        if len(of_target) == len(of_source) == 1 and origin.labels is None:
+            shifts[component.name] = min(of_source) - min(of_target)
     shifts = {name: shift for name, shift in shifts.items() if shift}
     if not shifts:
         raise MappingError("goals are aligned where each has one place, and these differ")

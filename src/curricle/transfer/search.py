@@ -576,14 +576,15 @@ def mapping_fault(transfer: Transfer) -> str:
     tasks = mapping.target, mapping.source
     if not all(has_tables(task) and task.states.size <= COMPARED for task in tasks):
         return ""
-    found, own = _remembered(*tasks, None), score_mapping(mapping).regained
-    if not len(found) or not found[0].scores.regained - own > FAR:
+    candidates, regained = _remembered(*tasks, None), score_mapping(mapping).regained
+    if not len(candidates) or not candidates[0].scores.regained - regained > FAR:
         return ""
-    finds = clears_bar(found[0].scores) * '; mapping = "auto" uses it'
+    best = candidates[0]
+    way_out = clears_bar(best.scores) * '; mapping = "auto" uses it'
     return (
         f"the mapping of {transfer.source} -> {transfer.target} is at fault: it regains "
-        f"{round(100 * own)} % of the way to the optimum, and the best that is found "
-        f"{round(100 * found[0].scores.regained)} %, {found[0].how}{finds}"
+        f"{round(100 * regained)} % of the way to the optimum, and the best that is found "
+        f"{round(100 * best.scores.regained)} %, {best.how}{way_out}"
     )
 
 

@@ -288,14 +288,14 @@ def easier(
         except Exception:  # a constructor may refuse arguments in any way
             continue
         (kept if variant.mappings else unread).append(variant)
-    rows = max(views, key=lambda rows: (len(readable(rows)), *_worth(readable(rows), rows)))
+    rows = max(views, key=lambda rows: (len(readable(rows)), _worth(readable(rows), rows)))
     return readable(rows), rows, unread
 
 
-def _worth(variants: Sequence[Variant], rows: bool) -> list[float]:
-    """Return the summed worth of the mappings of variants; nothing where they are unscored."""
-    found = [mapping for variant in variants if (mapping := variant.mappings[rows])]
-    return [sum(mapping.scores.worth for mapping in found)]
+def _worth(variants: Sequence[Variant], rows: bool) -> float:
+    """Return the summed worth of the mappings of variants; 0 where they are unscored."""
+    mappings = (variant.mappings[rows] for variant in variants)
+    return sum(mapping.scores.worth for mapping in mappings if mapping)
 
 
 def mapped(target: Any, source: Any) -> FoundMapping | None:
@@ -305,10 +305,11 @@ def mapped(target: Any, source: Any) -> FoundMapping | None:
     """
     scored = not (is_live(target) or is_live(source))
     if scored and target.states.size * target.actions.size <= SCORED:
-        found = find_mappings(target, source, searches=(by_name, by_alignment, at_goal), keep=1)
-        if not len(found) or not clears_bar(found[0].scores):
+        searches = by_name, by_alignment, at_goal
+        candidates = find_mappings(target, source, searches=searches, keep=1)
+        if not len(candidates) or not clears_bar(candidates[0].scores):
             raise MappingError("no mapping by components clears the bar")
-        return found[0]
+        return candidates[0]
     if not project(target, source).mapped_states()[visited_states(target, dense=True)].any():
         raise MappingError("no state that is visited is mapped")
     return None
@@ -430,14 +431,14 @@ def _study(
             break
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
-    make, others = partial(_made, way, recipe), list(_arguments(recipe, env))
-    say(f"trying {counted(len(others), 'variant')} (the last begins within {SECONDS:.0f} s)")
+    make, all_arguments = partial(_made, way, recipe), list(_arguments(recipe, env))
+    say(f"trying {counted(len(all_arguments), 'variant')} (the last begins within {SECONDS:.0f} s)")
     of_variant = trial
     if live:
         in_tables = partial(_variant, budgets=BUDGETS, has_goal=True)
         tabulated = partial(_made, partial(ways[0], **({} if large else JUDGED)), recipe)
         of_variant = partial(_judged_in_tables, tabulated, in_tables, trial)
-    variants, rows, unread = easier(target, make, iter(others), of_variant)
+    variants, rows, unread = easier(target, make, iter(all_arguments), of_variant)
     near = None if variants else near_the_goal(target, trial)
     keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
     most = max(budgets, default=LIVE[0])
@@ -447,17 +448,19 @@ def _study(
     for variant in variants:
         label = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
         written = keys | _in_rows_keys(variant.task, rows) | {"arguments": variant.arguments}
-        found, arguments = variant.mappings[rows], _toml(variant.arguments)[2:-2]
-        why = NOT_SCORED if found is None else f"{found.how}: {_regains(found)}"
-        sources[re.sub(r"[^\w-]", "_", label)] = _source(variant, budget, written, found, why)
-        less = f" instead of {task.states.size:,}" * (variant.task.states.size < task.states.size)
+        mapping, arguments = variant.mappings[rows], _toml(variant.arguments)[2:-2]
+        why = NOT_SCORED if mapping is None else f"{mapping.how}: {_regains(mapping)}"
+        sources[re.sub(r"[^\w-]", "_", label)] = _source(variant, budget, written, mapping, why)
+        from_states = f" instead of {task.states.size:,}" * (
+            variant.task.states.size < task.states.size
+        )
         steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
-        size = f"{variant.task.states.size:,} states{less}"
-        regains = "" if found is None else f"; its mapping {_regains(found)}"
+        size = f"{variant.task.states.size:,} states{from_states}"
+        regains = "" if mapping is None else f"; its mapping {_regains(mapping)}"
         notes.append(f"easier with {arguments}: {size}, {steps}{regains}")
     if unread:
-        them = " or ".join(_toml(variant.arguments)[2:-2] for variant in unread)
-        notes.append(f"also easier, but no mapping by components fits: {them}")
+        arguments = " or ".join(_toml(variant.arguments)[2:-2] for variant in unread)
+        notes.append(f"also easier, but no mapping by components fits: {arguments}")
     if near is not None:
         high, variant = near
         written, why = keys | {"start_states": {"distance": [1, high]}}, "the same states"
@@ -477,8 +480,8 @@ def _source(
     variant: Variant, budget: int, keys: dict[str, Any], found: FoundMapping | None, why: str
 ) -> dict[str, Any]:
     """Return what the file says of a source: its keys, its budget if stated, and its transfer."""
-    more = variant.steps > SOURCES_SHARE * budget
-    of_budget = _rounded_up(variant.steps) if more else None
+    needs_more = variant.steps > SOURCES_SHARE * budget
+    of_budget = _rounded_up(variant.steps) if needs_more else None
     return {"keys": keys, "budget": of_budget, "transfer": _transfer(found), "why": why}
 
 
@@ -519,11 +522,11 @@ def _in_rows_keys(task: Any, rows: bool) -> dict[str, Any]:
 def _regains(found: FoundMapping) -> str:
     """Return how good a mapping is, as text."""
     scores = found.scores
-    whole, known = (
+    everywhere, where_mapped = (
         f"{round(100 * share)} %" for share in (scores.regained, scores.regained_where_known)
     )
-    part = f" ({known} where it maps)" * (known != whole)
-    return f"regains {whole} of the way to the optimum{part}"
+    part = f" ({where_mapped} where it maps)" * (where_mapped != everywhere)
+    return f"regains {everywhere} of the way to the optimum{part}"
 
 
 def _transfer(found: FoundMapping | None) -> dict[str, Any]:
