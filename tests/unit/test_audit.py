@@ -103,10 +103,13 @@ def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):
     quick, quick_plans = variants_of(study, "quick")
     keys = ["learning_rate", "initial_value", "epsilon", "scale", "source_steps"]
     assert near[0] == quick[0] == {}
-    assert all([*values] == keys for values in near[1:])
+    # The first half keeps the arm's own sources: with these it has the settings of scratch's trials.
+    assert [[*values] for values in near[1:]] == [keys[:3]] * 7 + [keys] * 8
     # also where an arm or a source sets the rate itself; the points are the same for all
     assert quick_plans[0].tasks["line"].learner.learning_rate == 0.9
     assert [of["learning_rate"] for of in near[1:]] == [of["learning_rate"] for of in quick[1:]]
+    scratch, _ = variants_of(study, "scratch")
+    assert [of["learning_rate"] for of in near[1:]] == [of["learning_rate"] for of in scratch[1:]]
     for values, plan in zip(near[1:], plans[1:], strict=True):
         target, source = plan.tasks["line"], plan.tasks["end"]
         assert source.learner.learning_rate == target.learner.learning_rate
@@ -114,9 +117,9 @@ def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):
         assert target.learner.epsilon == values["epsilon"]
         assert source.learner.epsilon is None
         assert source.learner.initial_value == 0.0
-        assert plan.transfers[0].scale == values["scale"]
-        assert source.budget == values["source_steps"]
-    steps = [values["source_steps"] for values in near[1:]]
+        assert plan.transfers[0].scale == values.get("scale", 1.0)
+        assert source.budget == values.get("source_steps", 100)
+    steps = [values["source_steps"] for values in near[8:]]
     assert 5 <= min(steps) < 20 < 60 < max(steps) <= 100
     configured = as_configured(own)
     assert (configured.played, configured.controls) == ((), None)

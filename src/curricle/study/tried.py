@@ -31,6 +31,7 @@ SEEDS = tuple(range(FIRST_SEED, FIRST_SEED + 3))  # of each trial
 FEWEST_FINAL = 30  # further seeds of the best of each arm: as many as the study has, at least these
 COLUMNS = ("rate", "level", "exploration", "scale", "source steps")
 """The settings of arms: in a trial all arms are equally far along the range of a column."""
+OF_SOURCES = "scale", "source steps"  # the first half of the trials keeps those of the arm
 KEPT = 0.25
 """Share of the trials that keep a schedule, or what an optimistic learner takes from its task."""
 
@@ -54,7 +55,8 @@ def tried(
     """Return a configuration's fields in which all arms are tuned; those in `alone` have no source.
 
     `plans` are the arms as data, of a study with so many `seeds`. The first trial of every arm has
-    its own settings; there are `trials` more for each setting of the arm that has most.
+    its own settings; there are `trials` more for each setting of the arm that has most. Half of
+    them keep the arm's own sources, so that it has the settings of scratch's trials with these.
     """
     from scipy.stats.qmc import Halton  # it takes half a second to import
 
@@ -67,15 +69,16 @@ def tried(
     variants = dict[str, Variant]()
     for name, plan in plans.items():
         variants[name] = Variant(name, dict, plan, {})
-        for n, point in enumerate(points, 2):
+        for n, point in enumerate(points, 1):
             changed, values = plan, dict[str, float]()
             for column, share in zip(COLUMNS, point, strict=True):
                 setting = settings[name].get(column)
-                if setting is None or (setting.kept and share < KEPT):
+                own_sources = column in OF_SOURCES and n <= number // 2
+                if setting is None or own_sources or (setting.kept and share < KEPT):
                     continue
                 value = setting.at((share - KEPT) / (1 - KEPT) if setting.kept else share)
                 changed, values[setting.key] = merged(changed, setting.change(value)), value
-            variants[f"{name}, trial {n}"] = Variant(name, dict, changed, values)
+            variants[f"{name}, trial {n + 1}"] = Variant(name, dict, changed, values)
     of_alone = [label for label, trial in variants.items() if trial.arm in alone]
     own = {name: variants[name] for name in plans}
     further = range(SEEDS[-1] + 1, SEEDS[-1] + 1 + max(FEWEST_FINAL, seeds))
