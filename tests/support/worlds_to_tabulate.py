@@ -58,11 +58,11 @@ class Toggles(Corridor):
 
 
 class Unseeded(Corridor):
-    """A reset draws from Python's generator."""
+    """A reset draws from a generator of its own, which no seed reaches."""
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.place = random.randrange(self.cells - 1)
+        self.place = random.Random().randrange(self.cells - 1)
         return self.seen(), {}
 
 

@@ -2,6 +2,7 @@ from .encoders import (
     Bins as Bins,
     MiniGridFullView as MiniGridFullView,
     MiniGridView as MiniGridView,
+    WholeNumbers as WholeNumbers,
 )
 from .gymnasium import (
     from_gymnasium as from_gymnasium,

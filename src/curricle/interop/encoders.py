@@ -106,6 +106,56 @@ class Bins:
         return hash(tuple(self.edges.items()))
 
 
+@dataclass(frozen=True, eq=False)
+class WholeNumbers:
+    """Encoder of observations whose n numbers are whole, though their box is one of fractions.
+
+    For `encode` of :func:`from_gymnasium`. Numbers outside a range are read as its nearest end.
+
+    Parameters
+    ----------
+    ranges : dict of str to (int, int)
+        For each entry of an observation, in order, the name of its component, the lowest and the
+        highest number.
+
+    Raises
+    ------
+    TaskError
+        When a range is empty, or an observation is not n whole numbers.
+
+    Examples
+    --------
+    >>> jobs = WholeNumbers({"hour": (0, 8), "queue": (-2, 20)})
+    >>> jobs.states.label(jobs(np.array([3.0, 99.0])))
+    'hour=3 queue=20'
+    """
+
+    ranges: Mapping[str, tuple[int, int]]
+    states: Space = field(init=False, repr=False)  # all combinations of numbers
+
+    def __post_init__(self) -> None:
+        components = list[Component]()
+        for name, (low, high) in self.ranges.items():
+            components.append(Component(name, high - low + 1, low=low))
+        object.__setattr__(self, "states", Space(components))
+
+    def __call__(self, observation: FloatTable) -> int:
+        """Return the number of the state that an observation, (n,) float, shows."""
+        values = observation.tolist()
+        if len(values) != len(self.ranges) or any(value % 1 for value in values):
+            raise TaskError(
+                f"an observation must be {len(self.ranges)} whole numbers: got {values}"
+            )
+        ends = zip(values, self.ranges.values(), strict=True)
+        return self.states.encode_one(tuple(int(min(max(x, low), high)) for x, (low, high) in ends))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, WholeNumbers) and [*self.ranges.items()] == [*other.ranges.items()]
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.ranges.items()))
+
+
 Environment = gym.Env[Any, Any]
 
 

@@ -400,10 +400,10 @@ class MiniGridAccess(StateAccess):
         else:
             self.level = self.by_digest[digest] = Level(len(self.levels), base)
             self.levels.append(self.level)
-            _, self.level.content = self.save(base)
+            _, self.level.content = self.save(base, None)
         base.gen_obs = lambda: _View(base)
 
-    def save(self, env: Environment) -> tuple[Hashable, Any]:
+    def save(self, env: Environment, returned: object) -> tuple[Hashable, Any]:
         """Return the state as a tuple, its key and its content alike."""
         base: Any = env
         x, y = base.agent_pos
@@ -450,7 +450,7 @@ class MiniGridAccess(StateAccess):
         """Return the observation of the state that the environment is in."""
         return returned.data if isinstance(returned, _View) else returned
 
-    def describe(self, env: Environment) -> Words:
+    def describe(self, env: Environment, observation: object) -> Words:
         """Return the components of the state."""
         components = self.level.components(self.env)
         return {**components, "step": self.env.step_count} if self.own_reward else components

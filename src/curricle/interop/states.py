@@ -24,16 +24,17 @@ from gymnasium.envs.toy_text.blackjack import BlackjackEnv
 from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.envs.toy_text.taxi import TaxiEnv
+from gymnasium.utils import EzPickle
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 
 from curricle.arrays import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError, TaskError, in_words, note_place
-from curricle.interop.tabulated_task import same_observation
+from curricle.interop.tabulated_task import POSITION, parts_of, same_observation
 from curricle.tasks.live import RETURNED, action_mask, seeded_reset, wrong_parts
 from curricle.tasks.mdp import SINGLE_PRECISION
 from curricle.tasks.models import flag_of, number_of
-from curricle.tasks.observation_task import layers_of
+from curricle.tasks.observation_task import SHARED, layers_of, shared_restored
 from curricle.tasks.spaces import entry_names
 
 TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
@@ -53,8 +54,6 @@ def acts_as(env: object, *kinds: type, methods: Sequence[str] = ("step", "reset"
 Generator = np.random.Generator | np.random.RandomState | random.Random
 GeneratorState = Mapping[str, Any] | tuple[Any, ...]
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
-SHARED: tuple[Generator, ...] = random.getstate.__self__, np.random.get_state.__self__  # type: ignore[attr-defined]
-"""Python's and NumPy's global generators, which belong to no environment."""
 SALT = 2718  # begins the seeds of repeated steps, so that they are not those of resets
 
 
@@ -73,11 +72,8 @@ def restart(
 def shared_draws() -> Iterator[Callable[[], bool]]:
     """Return a context that notes whether the global generators are used, and resets them."""
     before = [*map(state_of, SHARED)]
-    try:
+    with shared_restored():
         yield lambda: [*map(state_of, SHARED)] != before
-    finally:
-        for generator, state in zip(SHARED, before, strict=True):
-            _set(generator, state)
 
 
 def state_of(generator: Generator) -> GeneratorState:
@@ -116,9 +112,21 @@ PLAIN = (type(None), bool, int, float, complex, str, bytes)
 CONSTANT = (gym.Space, EnvSpec, *GENERATORS)
 """Parts that belong to no state: spaces and specifications are constant, and generators of random
 numbers decide what happens next only in environments that are random."""
+DRAWING = frozenset({"pygame", "pyglet", "matplotlib", "PIL", "cv2", "tkinter"})
+"""Packages whose objects (windows, clocks, fonts) are part of no state; copies share them."""
+PLACES = ("Rect", "FRect", "Vector2", "Vector3", "Color")
 NAMED = (type, BuiltinFunctionType, ModuleType)
 # What is read again wherever it is met: sharing it makes no difference.
 UNCHANGING = (tuple, frozenset, Enum, *NAMED, MethodType, CodeType)
+
+
+def _draws(kind: Any) -> bool:
+    """Return whether objects of a type are those of a package that draws, and hold no place."""
+    module = getattr(kind, "__module__", "")
+    return module.partition(".")[0] in DRAWING and kind.__name__ not in PLACES
+
+
+draws: Callable[[Any], bool] = cache(_draws)
 
 
 def fingerprint(value: object, left_out: Collection[str] = ()) -> bytes:
@@ -149,7 +157,7 @@ class _Reader:
             value = value.item()
         if isinstance(value, PLAIN) and not isinstance(value, Enum):
             self.tell(type(value).__name__, value if isinstance(value, bytes) else repr(value))
-        elif isinstance(value, CONSTANT):
+        elif isinstance(value, CONSTANT) or draws(type(value)):
             self.tell("constant")
             if isinstance(value, GENERATORS):
                 self.generators[id(value)] = value
@@ -251,6 +259,7 @@ class StateAccess(ABC):
     copies: bool  # whether each restored state has an environment of its own, with wrappers
     hint = ""  # another possible cause where a repeated step leads elsewhere
     note = ""  # how the tables differ from the environment
+    witnessed = False  # whether a state that is met again must lead as it did before
 
     def prepare(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
         """Change the environment once, before it is tabulated."""
@@ -259,8 +268,11 @@ class StateAccess(ABC):
         """Prepare for the states after a reset."""
 
     @abstractmethod
-    def save(self, env: Environment) -> tuple[Hashable, object]:
-        """Return a key, equal for equal states, and the content from which to restore the state."""
+    def save(self, env: Environment, returned: object) -> tuple[Hashable, object]:
+        """Return a key, equal for equal states, and the content from which to restore the state.
+
+        `returned` is the observation that a step or reset returned.
+        """
 
     @abstractmethod
     def restore(self, env: Environment, content: object) -> Restored:
@@ -274,7 +286,7 @@ class StateAccess(ABC):
         return returned
 
     @abstractmethod
-    def describe(self, env: Environment) -> Words:
+    def describe(self, env: Environment, observation: object) -> Words:
         """Return the state's components by name."""
 
     def end(self) -> None:  # noqa: B027 - many have nothing to do
@@ -292,6 +304,10 @@ class DeepCopy:
     ----------
     ignore : collection of str
         Names of attributes that change no observation and no reward, such as a counter for display.
+    observed : collection of str, optional
+        Take states that look alike for one state, whatever else the environment holds, such as a
+        record of what was done; the names of an observation's numbers, or none for their places.
+        Where steps are certain, each state is met again in another way, and must lead as it did.
 
     Examples
     --------
@@ -300,15 +316,19 @@ class DeepCopy:
     """
 
     ignore: Collection[str] = ()
+    observed: Collection[str] | None = None
 
     def __post_init__(self) -> None:
-        names = self.ignore
-        if not isinstance(names, Collection) or isinstance(names, str):
-            raise SettingError(f"ignore must be a list of attributes' names: got {names!r}")
-        object.__setattr__(self, "ignore", tuple(map(str, names)))
+        for key in ("ignore", "observed")[: 1 if self.observed is None else 2]:
+            names = getattr(self, key)
+            if not isinstance(names, Collection) or isinstance(names, str):
+                raise SettingError(f"{key} must be a list of names: got {names!r}")
+            object.__setattr__(self, key, tuple(map(str, names)))
 
     def open(self) -> StateAccess:
         """Return the `StateAccess` that saves and restores by copies."""
+        if self.observed is not None:
+            return ObservedCopies(tuple(self.observed))
         return Copies(frozenset(self.ignore))
 
 
@@ -320,7 +340,7 @@ class Copies(StateAccess):
     def __init__(self, ignored: frozenset[str]):
         self.ignored, self.unmet = ignored, set(ignored)
 
-    def save(self, env: Environment) -> tuple[Hashable, Restored]:
+    def save(self, env: Environment, returned: object) -> tuple[Hashable, Restored]:
         """Return the environment's digest; and itself, with its generators."""
         reader = _Reader(env, self.ignored | left_out(env))
         self.unmet -= reader.skipped
@@ -340,10 +360,44 @@ class Copies(StateAccess):
         copy, memo = copied(content.env)
         return Restored(copy, [memo[id(part)] for part in content.generators if id(part) in memo])
 
-    def describe(self, env: Environment) -> Words:
+    def describe(self, env: Environment, observation: object) -> Words:
         """Return the plain attributes of the environment."""
         attributes, ignored = vars(env.unwrapped).items(), self.ignored | left_out(env)
         return words_of_state({name: value for name, value in attributes if name not in ignored})
+
+
+class ObservedCopies(Copies):
+    """Copies that are told apart by their observations alone."""
+
+    witnessed = True
+
+    def __init__(self, names: tuple[str, ...]):
+        super().__init__(frozenset())
+        self.names = names
+
+    def save(self, env: Environment, returned: object) -> tuple[Hashable, Restored]:
+        """Return the observation's digest; and the environment, with its generators."""
+        parts = [part for layer in layers_of(env) for part in vars(layer).values()]
+        generators = [part for part in parts if isinstance(part, GENERATORS)]
+        return fingerprint(returned), Restored(env, generators)
+
+    def describe(self, env: Environment, observation: object) -> Words:
+        """Return the numbers in an observation, fractions as words; none if they are many."""
+        entries = dict[str, Any]()
+        for name, part in parts_of(observation).items():
+            leaf, called = np.asarray(part), (name or "state").replace("/", "_").strip(POSITION)
+            places = entry_names(called, leaf.shape) if leaf.ndim else [called]
+            entries |= zip(places, leaf.ravel().tolist(), strict=True)
+        if len(entries) > MOST_CELLS:
+            return {}
+        names = self.names if len(self.names) == len(entries) else tuple(entries)
+        values = (f"{x:.6g}" if isinstance(x, float) and x % 1 else x for x in entries.values())
+        return words_of_state(
+            {
+                name: int(x) if isinstance(x, float) else x
+                for name, x in zip(names, values, strict=True)
+            }
+        )
 
 
 @dataclass(eq=False)
@@ -360,7 +414,7 @@ class SaveAndRestore(StateAccess):
         reader = _Reader(env, left_out(env), strict=False)
         self.generators = list(reader.generators.values())
 
-    def save(self, env: Environment) -> tuple[Hashable, Any]:
+    def save(self, env: Environment, returned: object) -> tuple[Hashable, Any]:
         """Return what the user's function returns, as key and as content."""
         state = self.save_state(env.unwrapped)
         try:
@@ -377,7 +431,7 @@ class SaveAndRestore(StateAccess):
         self.restore_state(env.unwrapped, content)
         return Restored(env, self.generators)
 
-    def describe(self, env: Environment) -> Words:
+    def describe(self, env: Environment, observation: object) -> Words:
         """Return the numbers and words that are saved."""
         return words_of_state(self.save_state(env.unwrapped))
 
@@ -396,9 +450,14 @@ def copied(env: object) -> tuple[Any, dict[int, Any]]:
         for name, value in vars(layer).items()
         if name in CONSTANTS
         or isinstance(value, gym.Space)
+        or draws(type(value))
         or (name in TOY_CONSTANTS and acts_as(layer, *TOY_TEXT))
     }
     try:
+        for layer in layers_of(env)[::-1]:
+            if isinstance(layer, EzPickle):  # which keeps its constructor's arguments alone
+                memo[id(layer)] = new = object.__new__(type(layer))
+                vars(new).update(deepcopy(vars(layer), memo))
         return deepcopy(env, memo), memo
     except Exception as error:
         raise TaskError(
@@ -474,6 +533,12 @@ class State(NamedTuple):
     components: Words
 
 
+ALIKE = (
+    "states must lead alike where they look alike, to be told apart by observations: in {} an "
+    "action led to another state or reward when its observation was met again"
+)
+
+
 class Search:
     """All states that can be reached and a table of all outcomes, breadth first."""
 
@@ -497,7 +562,10 @@ class Search:
         self._numbers = dict[tuple[Hashable, bool], int]()
         # The states whose actions are to be taken: number, content, available actions.
         self._queue = deque[tuple[int, object, tuple[bool, ...] | None]]()
-        self._queued = bytearray()  # of each state, whether it was ever in the queue
+        self._queued = bytearray()  # of each state, how often it was put into the queue
+        self._done = bytearray()  # of each state, whether its actions have been taken
+        self._led = dict[int, tuple[int, float]]()  # where a pair led, if states are tried twice
+        self._tries = 1 + stepper.witnessed  # of each state
         self._last: Any = None  # the environment in the state that was reached last
 
     def run(self) -> Self:
@@ -518,13 +586,18 @@ class Search:
         expanded = 0
         while self._queue:
             number, content, available = self._queue.popleft()
+            again, self._done[number] = self._done[number], True
             for action in range(n_actions):
                 if available is not None and not available[action]:
                     continue
                 try:
                     for reached in stepper.outcomes(content, action):
                         pair, after = number * n_actions + action, self._number(reached)
-                        self._add(pair, after, reached.probability, reached.reward)
+                        led = after, reached.reward
+                        if self._tries > 1 and self._led.setdefault(pair, led) != led:
+                            raise TaskError(ALIKE.format(self.stepper.name))
+                        if not again:
+                            self._add(pair, after, reached.probability, reached.reward)
                 except Exception as error:
                     parts = (f"{k} {v}" for k, v in self.states[number].components.items())
                     note_place(
@@ -545,7 +618,7 @@ class Search:
                         f"{speed:,.0f} transitions a second"
                     )
                     self.show(sentence, expanded, n_states)
-            expanded += 1
+            expanded += not again
         for number, state in enumerate(self.states):
             if not (self._queued[number] or state.terminal):
                 self.cut += 1
@@ -579,10 +652,12 @@ class Search:
             observation = deepcopy(observation)  # which a step may change
             components = {**components, **words_of_state(observation, "_")}
             self.states.append(State(reached.terminated, observation, components))
-            self._queued.append(False)
-        if not (self._queued[number] or reached.terminated or reached.truncated):
+            self._queued.append(0)
+            self._done.append(False)
+        goes_on = not (reached.terminated or reached.truncated)
+        if goes_on and self._queued[number] < self._tries:
             self._queue.append((number, reached.content, reached.available))
-            self._queued[number] = True
+            self._queued[number] += 1
         return number
 
     def _hint(self) -> str:
@@ -641,12 +716,18 @@ class World:
         self.core, self.views, self.acts = core_and_views(self.env, views_apart=views_apart)
         self.access.prepare(self.env)
 
+    @property
+    def witnessed(self) -> bool:
+        """Whether states that are met again are tried again, as a check that they are equal."""
+        return self.access.witnessed and self.samples is None
+
     def start(self, seed: int) -> Reached:
         """Return the state after a reset with a seed."""
         self._undrawn, env = None, self.core
         if self.access.copies:
             env, _ = self.access.restore(self.core, Restored(self.core, []))
-        returned, info = self._returned("reset", seeded_reset(env, seed))
+        with shared_restored():  # what the reset draws from them follows its seed
+            returned, info = self._returned("reset", seeded_reset(env, seed))
         _rewind_clocks(env)
         self.access.begin(env)
         return self._reached(env, returned, info, 1.0, 0.0, terminated=False, truncated=False)
@@ -659,7 +740,7 @@ class World:
         available = None
         if self.action_masks and not terminated:
             available = tuple(action_mask(env, info, self.n_actions).tolist())
-        key, content = self.access.save(env)
+        key, content = self.access.save(env, returned)
         ends = terminated, truncated
         return Reached(chance, key, content, reward, *ends, available, env, returned)
 
@@ -684,7 +765,7 @@ class World:
         observation = self.access.observation(reached.env, reached.returned)
         for view in self.views:
             observation = view.observation(observation)
-        return observation, self.access.describe(reached.env)
+        return observation, self.access.describe(reached.env, observation)
 
     def _step(self, content: object, action: int) -> Reached:
         """Return the only outcome of an action in a saved state."""
@@ -796,6 +877,7 @@ class ListedOutcomes:
     save: Callable[[Any], Hashable] | None = None
     parts: Callable[[Any], Words] | None = None
     transitions: int = 0
+    witnessed = False
 
     def start(self, seed: int) -> Reached:
         """Return the state after a reset."""

@@ -37,7 +37,6 @@ from curricle.interop.minigrid import (
     named_actions,
 )
 from curricle.interop.states import (
-    SHARED,
     DeepCopy,
     Listed,
     ListedOutcomes,
@@ -62,7 +61,7 @@ from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import number_of
-from curricle.tasks.observation_task import EnvironmentMaker, layers_of
+from curricle.tasks.observation_task import SHARED, EnvironmentMaker, layers_of
 from curricle.tasks.readers import Pairs
 from curricle.tasks.spaces import Component, Space, values_of
 from curricle.transfer.bisimulation import merged_outcomes, numbered_rows

@@ -21,6 +21,7 @@ from curricle.candidates.candidates import KINDS
 from curricle.deep.miniature import miniatures
 from curricle.errors import ConfigError, TaskError
 from curricle.files import read_bounded
+from curricle.interop.encoders import Bins, WholeNumbers
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.states import DeepCopy
 from curricle.interop.tabulation import tabulate
@@ -43,6 +44,7 @@ from curricle.study_file.schema import (
     Whole,
     as_table,
     built,
+    seeds_of,
     shown,
     table_of,
     unknown,
@@ -237,6 +239,10 @@ class EnvironmentTable(Maker, TaskTable):
         return None
 
 
+_SORTED = (
+    table_of(Bins, tag="Bins", edges=dict[str, tuple[Number, ...]]),
+    table_of(WholeNumbers, tag="WholeNumbers", ranges=dict[str, tuple[Whole, Whole]]),
+)
 GymnasiumTask = table_of(
     from_gymnasium,
     EnvironmentTable,
@@ -247,6 +253,7 @@ GymnasiumTask = table_of(
     names=Names,
     sizes=tuple[Count, ...] | None,
     actions=Names,
+    encode=Annotated[Any, Choice(_SORTED, simple=Reference | None)],
     live=(Flag | None, None),  # None is not stored, so that older results keep their keys
     action_masks=(Flag | None, None),
 )
@@ -263,15 +270,22 @@ class _EncodedTable(EnvironmentTable):
 
 
 class _TabulatedTable(_EncodedTable):
-    reset_seeds: tuple[Whole, ...] = (0,)
-    """Seeds of the resets, which are equally likely starts."""
+    reset_seeds: Annotated[
+        tuple[Whole, ...], BeforeValidator(seeds_of, json_schema_input_type=str | list[int])
+    ] = (0,)
+    """Seeds of the resets, which are equally likely starts: a list, or ranges such as "0-35"."""
     ignore: tuple[Name, ...] | None = None
     """Attributes that change no observation and no reward, such as a count of steps."""
+    observed: tuple[Name, ...] | None = None
+    """Take states that look alike for one, whatever else the environment holds; names of an
+    observation's numbers, or an empty list."""
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
         """Return the arguments, with seeds and state under the function's names."""
         arguments = {**super().arguments_in(folder), "seeds": self.reset_seeds}
-        return arguments | ({"state": DeepCopy(self.ignore)} if self.ignore else {})
+        if self.ignore or self.observed is not None:
+            arguments["state"] = DeepCopy(self.ignore or (), self.observed)
+        return arguments
 
 
 class _ObservationTable(_EncodedTable):

@@ -35,7 +35,7 @@ from curricle.tasks.models import (
     transition,
     truncated,
 )
-from curricle.tasks.observation_task import check_observation
+from curricle.tasks.observation_task import check_observation, seed_shared, shared_restored
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
 
 RESET = -1  # sent instead of an action to start an episode
@@ -220,7 +220,7 @@ def masks_actions(task: Any) -> bool:
 
 def reset_state(task: LiveMDP) -> int:
     """Return the state that a new environment is in after a reset with seed 0."""
-    with closing(task.make()) as environment:
+    with shared_restored(), closing(task.make()) as environment:
         return numbering(task)(_observed(seeded_reset(environment, 0)))
 
 
@@ -242,6 +242,7 @@ class _Opened:
 
     def __init__(self, task: LiveMDP, start: int, tables: FloatTable | None):
         self.closings = ExitStack()
+        self.closings.enter_context(shared_restored())
         self.raised = list[BaseException]()
         # Two seeds below 2^31, which every environment takes.
         seeds = [splitmix64(start ^ which) >> 33 for which in (1, 2)]
@@ -391,7 +392,11 @@ OLD_GYM = (
 
 
 def seeded_reset(environment: Any, seed: int) -> Any:
-    """Return what an environment's reset with a seed returns; TaskError if it takes no seed."""
+    """Return what an environment's reset with a seed returns; TaskError if it takes no seed.
+
+    The shared generators are seeded, too, so that a class that draws from them follows its seed.
+    """
+    seed_shared(seed)
     try:
         return environment.reset(seed=seed)
     except TypeError as error:

@@ -1,8 +1,10 @@
 """Observation tasks: seen as vectors, pictures or dicts instead of numbered states."""
 
 import inspect
+import random
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field, is_dataclass
 from functools import cached_property, partial
@@ -34,9 +36,13 @@ class EnvironmentMaker:
             raise TaskError(f"encode must be a wrapper of environments: got {self.encode!r}")
 
     def __call__(self) -> gymnasium.Env[Any, Any]:
-        """Return a new environment."""
+        """Return a new environment; all are equal, also if its constructor draws a level."""
         make = self.recipe if callable(self.recipe) else partial(gymnasium.make, self.recipe)
-        environment: Any = make(**deepcopy(dict(self.arguments)))
+        with shared_restored():
+            seed_shared(0)
+            environment: Any = make(**deepcopy(dict(self.arguments)))
+        if callable(self.recipe) and not _takes_seeds(environment):
+            environment = OlderAPI(environment)
         if self.encode is None:
             return environment  # type: ignore[no-any-return]
         rule = "encode must take an environment and return it wrapped"
@@ -65,6 +71,62 @@ class EnvironmentMaker:
         parts = [f"{n}={getattr(v, '__qualname__', repr(v))}" for n, v in self.arguments.items()]
         parts += [] if self.encode is None else [f"encode={_text(self.encode)}"]
         return f"{name}({', '.join(parts)})" if parts else str(name)
+
+
+def _takes_seeds(environment: Any) -> bool:
+    """Return whether a reset takes what Gymnasium gives it."""
+    parameters = inspect.signature(environment.reset).parameters.values()
+    named = {"seed", "options"} <= {parameter.name for parameter in parameters}
+    return named or any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
+
+
+class OlderAPI(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """An environment whose reset takes no seed or no options, with what Gymnasium returns.
+
+    Its reset may return an observation alone, and its step four parts, without `truncated`.
+    """
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """Return the observation and the info of a reset, with what it takes of the arguments."""
+        given: dict[str, Any] = {"seed": seed, "options": options}
+        taken = inspect.signature(self.env.reset).parameters.keys() & given.keys()
+        if seed is not None and "seed" not in taken:
+            gymnasium.Env.reset(self.unwrapped, seed=seed)  # which seeds np_random alone
+            getattr(self.env, "seed", lambda _: None)(seed)
+        returned: Any = self.env.reset(**{name: given[name] for name in taken})
+        pair = isinstance(returned, tuple) and len(returned) == 2 and isinstance(returned[1], dict)
+        return returned if pair else (returned, {})
+
+    def step(self, action: Any) -> Any:
+        """Return the five parts of a step."""
+        returned: Any = self.env.step(action)
+        if not (isinstance(returned, tuple) and len(returned) == 4):
+            return returned
+        observed, reward, over, info = returned
+        cut = bool(info.get("TimeLimit.truncated", False))
+        return observed, reward, bool(over) and not cut, cut, info
+
+
+SHARED: Any = random.getstate.__self__, np.random.get_state.__self__  # type: ignore[attr-defined]
+"""The generators of Python and NumPy that all code shares; many classes draw from them."""
+
+
+def seed_shared(seed: int) -> None:
+    """Seed the shared generators."""
+    for generator in SHARED:
+        generator.seed(seed)
+
+
+@contextmanager
+def shared_restored() -> Iterator[None]:
+    """Return a context after which the shared generators are as before."""
+    python, numpy = SHARED
+    before = python.getstate(), numpy.get_state()
+    try:
+        yield
+    finally:
+        python.setstate(before[0])
+        numpy.set_state(before[1])
 
 
 def check_spaces(environment: gymnasium.Env[Any, Any]) -> None:

@@ -262,7 +262,6 @@ REFUSALS = [
     (Toggles, {"max_states": 300}, "more, and 'switched' has the most .*; from_gymnasium plays it"),
     (Diaries, {"max_states": 300}, "more, and 'room2' has the most"),
     (partial(Unseeded, cells=10**6), {}, "resets of .*Unseeded.* with seed 0 differ; let reset"),
-    (OldReset, {}, "a reset must take a seed, .*'seed'; .* shimmy.GymV26Compat"),
     (OldStep, {}, r"must return \(observation, reward, .*: got \(.*shimmy"),
     (lambda: TransformReward(Corridor(), lambda r: np.nan), {}, "must be a finite number: got nan"),
     (Unreadable, {}, r"restore\): a Opaque in it cannot be read .no parts"),
@@ -279,6 +278,25 @@ def test_refusals_are_one_sentence(make, settings, said):
     with pytest.raises(TaskError, match=said) as caught:
         cr.tabulate(make, **{"discount": 0.5, **settings})
     assert "\n" not in str(caught.value)
+
+
+def test_a_reset_without_a_seed_is_seeded():
+    task = cr.tabulate(OldReset, discount=0.5, seeds=4)
+    assert_same_tables(task.mdp, cr.tabulate(Corridor, discount=0.5, seeds=4).mdp)
+
+
+def assert_same_tables(first, second):
+    for name in ("next_state", "reward", "terminal", "start"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def test_states_that_look_alike_must_lead_alike():
+    seen = cr.tabulate(Counting, discount=0.5, state=DeepCopy(observed=["place", "lit"]))
+    assert seen.states.names == ("place", "lit")
+    assert_same_tables(seen.mdp, cr.tabulate(Corridor, discount=0.5).mdp)
+    assert seen.exact
+    with pytest.raises(TaskError, match="states must lead alike where they look alike"):
+        cr.tabulate(Dark, discount=0.5, state=DeepCopy(observed=()))
 
 
 def test_settings_are_checked():
