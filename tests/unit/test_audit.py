@@ -103,7 +103,7 @@ def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):
     quick, quick_plans = variants_of(study, "quick")
     keys = ["learning_rate", "initial_value", "epsilon", "scale", "source_steps"]
     assert near[0] == quick[0] == {}
-    # The first half keeps the arm's own sources: with these it has the settings of scratch's trials.
+    # The first half keeps the arm's own sources, so that scratch's settings are tried with these.
     assert [[*values] for values in near[1:]] == [keys[:3]] * 7 + [keys] * 8
     # also where an arm or a source sets the rate itself; the points are the same for all
     assert quick_plans[0].tasks["line"].learner.learning_rate == 0.9

@@ -99,9 +99,10 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
 @pytest.mark.parametrize(
     ("name", "form"),
     [
-        ("Blackjack-v1", "gymnasium"),
+        ("Blackjack-v1", "tabulated"),
         ("MiniGrid-Empty-5x5-v0", "tabulated"),
-        ("CartPole-v1", "observation_task"),
+        ("CartPole-v1", "gymnasium"),
+        ("Acrobot-v1", "observation_task"),
     ],
 )
 def test_a_new_study_of_an_environment_is_one(curricle, tmp_path, name, form):

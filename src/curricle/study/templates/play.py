@@ -1,0 +1,162 @@
+"""Play: what a few episodes of random actions show of an environment."""
+
+import re
+import time
+from contextlib import suppress
+from copy import deepcopy
+from math import ceil, floor, prod
+from typing import Any
+
+import numpy as np
+from gymnasium import Env
+from gymnasium.spaces import Box
+
+from curricle.interop.encoders import Bins, WholeNumbers
+from curricle.interop.gymnasium import actions_of
+from curricle.interop.minigrid import is_minigrid
+from curricle.interop.states import Words, counters_of, words_of_state
+from curricle.interop.tabulated_task import parts_of, same_observation
+from curricle.tasks.live import action_mask, checked_parts, seeded_reset
+from curricle.tasks.observation_task import check_observation
+
+PLAYED, EPISODES, LONGEST = 2.0, 6, 1_000  # seconds, episodes, and steps of an episode
+LIMITS = "steps|limit|horizon|length"  # in names of attributes that say how long episodes are
+BINS, FEWEST_BINS, CELLS = 20, 10, 10_000  # bins of a number, most and fewest; of all together
+MOST_WHOLE = 1_000_000  # states of observations whose numbers are whole
+BEYOND = 0.5  # of the range that was seen, to either side
+SCALED = 1e-6  # that the correlation of an attribute and a number that shows it lacks
+VAST = 20.0  # times the range that was seen: so far apart, bounds say nothing
+
+
+class Play:
+    """What a few episodes of random actions show of an environment."""
+
+    def __init__(self, env: Env[Any, Any]):
+        self.env, self.masks, self.masks_seen = env, False, dict[bytes, bytes]()
+        self.told = True  # whether observations tell which actions are available
+        self.points, self.attributes = list[list[Any]](), list[Words]()  # points: of observations
+        self.times, self.cuts = list[int](), list[int]()  # steps since the reset; at a truncation
+        self.ends = list[int]()  # the steps of whole episodes
+        self.act, self.actions = actions_of(env.action_space, None, None)
+        began = time.perf_counter()
+        self._until = began + PLAYED
+        first, *_, again = [self._episode(env, seed) for seed in (*range(EPISODES), 0)]
+        self.follows_seed, self._first = all(map(same_observation, first, again)), first
+        self.speed = len(self.times) / (time.perf_counter() - began)  # steps a second
+
+    def is_repeated_in(self, other: Env[Any, Any]) -> bool:
+        """Return whether another environment of the class shows the same in the first episode."""
+        return all(map(same_observation, self._first, self._episode(other, 0)))
+
+    def _episode(self, env: Env[Any, Any], seed: int) -> list[Any]:
+        """Return observations and rewards of an episode; TaskError where it is not Gymnasium's."""
+        rng, states = np.random.default_rng(seed), list[Any]()
+        over, cut, reward = False, False, 0.0
+        observed, info = checked_parts("reset", seeded_reset(env, seed))
+        check_observation(env.observation_space, observed)
+        self.masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
+        while True:
+            leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
+            self.points.append([x for leaf in leaves for x in leaf])
+            self.attributes.append(words_of_state(vars(env.unwrapped)))
+            self.times.append(len(states))
+            states.append((deepcopy(observed), reward))
+            if over or cut or len(states) > LONGEST or time.perf_counter() > self._until:
+                self.cuts += [len(states) - 1] * bool(cut)
+                self.ends += [len(states) - 1] * bool(over or cut)
+                return states
+            n = self.actions.size
+            allowed: Any = n
+            if self.masks:
+                mask, seen = action_mask(env, info, n), repr(self.points[-1]).encode()
+                self.told &= self.masks_seen.setdefault(seen, mask.tobytes()) == mask.tobytes()
+                allowed = np.flatnonzero(mask)
+            action = self.act(int(rng.choice(allowed)))
+            observed, reward, over, cut, info = checked_parts("step", env.step(action))
+            if len(states) == 1:
+                check_observation(env.observation_space, observed)
+
+    @property
+    def whole(self) -> bool:
+        """Whether the numbers in observations are whole, as far as was seen."""
+        return all(x % 1 == 0 for point in self.points for x in point if isinstance(x, float))
+
+    @property
+    def counters(self) -> list[str]:
+        """Attributes that grow by one with every step, and that observations do not show."""
+        later = np.flatnonzero(self.times)
+        if is_minigrid(self.env):
+            return []
+        counting = counters_of(self.attributes, later - 1, later, self.env)
+        return [name for name in counting if not self._is_shown(name)]
+
+    def _is_shown(self, name: str) -> bool:
+        """Return whether a number in observations is an attribute, maybe scaled."""
+        points: Any = np.array(self.points, float)
+        values: Any = [words[name] for words in self.attributes]
+        moving = points[:, np.ptp(points, axis=0) > 0].T
+        return any(abs(np.corrcoef(column, values)[0, 1]) > 1 - SCALED for column in moving)
+
+    @property
+    def limit(self) -> int | None:
+        """Steps after which episodes end whatever is done, None if unknown."""
+        counters, first = self.counters, self.attributes[0]
+        named = {name for name in first if counters and re.search(LIMITS, name.lower())}
+        stated = [first[name] for name in named - {*counters}]
+        cut = min(self.cuts, default=None)
+        if len(self.ends) > EPISODES and len({*self.ends}) == 1:
+            cut = self.ends[0]  # where it always ends, truncated or not
+        if counters and not (cut or self.masks):
+            cut = self._cut_ahead(counters)
+        return cut or min((x for x in stated if type(x) is int and x > 1), default=None)
+
+    def _cut_ahead(self, counters: list[str]) -> int | None:
+        """Return at which step it truncates, seen by setting its counters ahead; None if unseen."""
+        ends = time.perf_counter() + PLAYED
+        with suppress(Exception):  # so late a step may be outside of what the class foresees
+            for n in range(1, LONGEST + 1):
+                seeded_reset(self.env, 0)
+                for name in counters:
+                    setattr(self.env.unwrapped, name, int(self.attributes[0][name]) + n - 1)
+                cut = self.env.step(self.act(0))[3]
+                if cut or time.perf_counter() > ends:
+                    return n if cut else None
+        return None
+
+    def names(self) -> list[str]:
+        """Return the attributes that the numbers in observations show, ``state_1`` if unknown."""
+        names = list[str]()
+        for i, column in enumerate(zip(*self.points, strict=False), start=1):
+            shown = [
+                name
+                for name in self.attributes[0]
+                if [values.get(name) for values in self.attributes] == [*column]
+            ]
+            sure = [name.lstrip("_") for name in shown if len(set(column)) > 1 or len(shown) == 1]
+            names.append(next((name for name in sure if name not in names), f"state_{i}"))
+        return names
+
+    def encoder(self) -> Bins | WholeNumbers | None:
+        """Return what sorts a box's numbers into few states, None where these are too many."""
+        space = self.env.observation_space
+        if not (isinstance(space, Box) and len(space.shape) == 1):
+            return None
+        seen, ranges = np.array(self.points), dict[str, tuple[float, float]]()
+        ends = zip(space.low, space.high, seen.min(axis=0), seen.max(axis=0), strict=True)
+        for name, (low, high, least, most) in zip(self.names(), ends, strict=True):
+            if high - low > VAST * (most - least):  # then bounds say nothing
+                low = max(low, least - BEYOND * (most - least))
+                high = min(high, most + BEYOND * (most - least))
+            ranges[name] = float(low), float(high)
+        if self.whole:
+            whole = {name: (floor(low), ceil(high)) for name, (low, high) in ranges.items()}
+            cells = prod(high - low + 1 for low, high in whole.values())
+            return WholeNumbers(whole) if cells <= MOST_WHOLE else None
+        number = min(BINS, int(CELLS ** (1 / len(ranges))))
+        if number < FEWEST_BINS:
+            return None
+        edges = dict[str, list[float]]()
+        for name, (low, high) in ranges.items():
+            high = high if high > low else low + 1  # a number that never changes
+            edges[name] = [float(f"{x:.4g}") for x in np.linspace(low, high, number + 1)]
+        return Bins(edges)
