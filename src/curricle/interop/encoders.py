@@ -18,7 +18,7 @@ from gymnasium.spaces import Box, Dict
 from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.checks import instance, numbers, whole_number
 from curricle.errors import SettingError, TaskError
-from curricle.interop.minigrid import MiniGrid, is_minigrid, quicken
+from curricle.tasks.minigrid_view import MiniGrid, grid_codes, is_minigrid, view_compiled
 from curricle.tasks.observation_task import stable_text
 from curricle.tasks.spaces import Component, Space
 
@@ -236,7 +236,7 @@ class _MiniGridEncoder:
         shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)
         if not self.picture:
             shape = (width * height * CHANNELS + DIRECTIONS + len(WORDS) * mission,)
-        quicken(base)
+        view_compiled(env, True)
         encoded = partial(self._encoded, mission)
         return EncodedObservations(env, encoded, Box(0, 1, shape, np.float32))
 
@@ -329,7 +329,7 @@ class MiniGridFullView(_MiniGridEncoder):
         codes = np.zeros((self.width, self.height, 3), np.uint8)  # (0, 0, 0) are unseen cells
         self._size(base, (0, 0))  # a reset may make another grid
         left, top = (self.width - base.width) // 2, (self.height - base.height) // 2
-        codes[left : left + base.width, top : top + base.height] = base.grid.encode()
+        codes[left : left + base.width, top : top + base.height] = grid_codes(base)
         cells, (x, y) = _one_hot(codes), base.agent_pos
         agent_cell = cells[left + x, top + y]
         agent_cell[AGENT] = 1

@@ -352,6 +352,7 @@ def observation_task(
     discount: float = 0.99,
     time_limit: int | None = None,
     encode: Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]] | None = None,
+    compiled_view: bool = True,
     **make_arguments: object,
 ) -> ObservationTask:
     """Return a Gymnasium environment as a task for deep learners, which see its observations.
@@ -367,6 +368,9 @@ def observation_task(
     encode : callable, optional
         Returns an environment with other observations: an encoder such as :class:`MiniGridView`, a
         wrapper's class such as ``gymnasium.wrappers.FlattenObservation``, or a function.
+    compiled_view : bool
+        Whether compiled code makes the observations of MiniGrid's environments. They are the same
+        as by MiniGrid's own code, which an environment with methods of its own keeps.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -384,7 +388,7 @@ def observation_task(
     if isinstance(environment, str) or make_arguments or encode is not None:
         make = EnvironmentMaker(environment, make_arguments, encode)
     with refusals_of_make(make):
-        return ObservationTask(make, discount, time_limit)
+        return ObservationTask(make, discount, time_limit, compiled_view=compiled_view)
 
 
 # -- names that a caller gives ---------------------------------------------------------------------

@@ -4,13 +4,12 @@ import sys
 from collections import UserDict
 from collections.abc import Hashable
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cached_property
 from itertools import count
 from operator import itemgetter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.arrays import IntArray
 from curricle.checks import instance
@@ -25,6 +24,7 @@ from curricle.interop.states import (
     left_out,
 )
 from curricle.interop.tabulated_task import Unseen
+from curricle.tasks.minigrid_view import CompiledView, MiniGrid, is_minigrid, observes_itself
 from curricle.tasks.spaces import Component, Space
 
 MOVED = frozenset({"agent_pos", "agent_dir", "carrying", "step_count"})
@@ -39,38 +39,10 @@ CARRIED, AWAY = -1, -2  # coordinates of an object that the agent carries; of on
 STILL = {"wall", "floor", "goal", "lava"}  # types of objects without a state
 
 
-class Grid(Protocol):
-    """The grid of a level; its objects are MiniGrid's."""
-
-    grid: list[Any]
-    width: int
-    height: int
-
-    def encode(self) -> npt.NDArray[np.uint8]: ...  # noqa: D102
-
-
-class MiniGrid(Protocol):
-    """What is read of an environment of MiniGrid, which need not be installed."""
-
-    grid: Grid
-    width: int
-    height: int
-    agent_pos: tuple[int, int]
-    agent_dir: int
-    agent_view_size: int
-    carrying: Any
-    see_through_walls: bool
-    mission: str
-    max_steps: int
-    step_count: int
-
-    def gen_obs(self) -> dict[str, Any]: ...  # noqa: D102
-
-
 class Level:
     """A level as a reset made it: constant attributes, objects with a state, plain attributes."""
 
-    def __init__(self, number: int, env: "MiniGrid"):
+    def __init__(self, number: int, env: MiniGrid):
         self.number = number
         self.constants = {
             name: value for name, value in vars(env).items() if name not in MOVED | SHOWN | REPLACED
@@ -108,7 +80,7 @@ class Level:
             if name not in self.plain
         }
 
-    def components(self, env: "MiniGrid") -> Words:
+    def components(self, env: MiniGrid) -> Words:
         """Return the components of the state that an environment of this level is in."""
         x, y = map(int, env.agent_pos)
         components: dict[str, int | str] = {"level": self.number, "x": x, "y": y}
@@ -188,12 +160,6 @@ class MiniGridState:
         return MiniGridAccess(own_reward=self.own_reward)
 
 
-def is_minigrid(env: Environment) -> bool:
-    """Return whether an environment is one of MiniGrid's, which need not be installed."""
-    module = sys.modules.get("minigrid.minigrid_env")
-    return module is not None and isinstance(env.unwrapped, module.MiniGridEnv)
-
-
 def fitting_state(env: Environment, core: Environment, seed: int) -> MiniGridState:
     """Return how to save a MiniGrid environment's states: fast if it keeps none elsewhere."""
     if core is not env.unwrapped or not observes_itself(core):
@@ -233,7 +199,7 @@ def _pay_one(env: Environment) -> str:
     return "goal reward 1"
 
 
-def _time(number: int, env: "MiniGrid") -> int:
+def _time(number: int, env: MiniGrid) -> int:
     """Return a time before an episode's end; times of consecutive numbers are far apart."""
     return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))
 
@@ -260,105 +226,15 @@ class _TimelessCopies(Copies):
         return restored
 
 
-EMPTY = bytes((1, 0, 0))  # MiniGrid's codes of a cell without an object
-
-
-@cache
-def _rows(direction: int, size: int) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """Return, row by row from the agent's on, where the cells of its view lie beside it."""
-    (x, y), aside = (
-        ((1, 0), (0, 1), (-1, 0), (0, -1))[direction],
-        range(-(size // 2), size // 2 + 1),
-    )
-    return tuple(tuple((far * x - i * y, far * y + i * x) for i in aside) for far in range(size))
-
-
-@cache
-def _visible_cells(row: int, clear: int, size: int) -> tuple[int, int]:
-    """Return which cells of a row are visible, and of the row behind; bit i is cell i."""
-    behind = 0
-    for i in range(size - 1):
-        if row & clear & 1 << i:
-            row, behind = row | 2 << i, behind | 3 << i
-    for i in range(size - 2, -1, -1):
-        if row & clear & 2 << i:
-            row, behind = row | 1 << i, behind | 3 << i
-    return row, behind
-
-
-def observation_of(env: "MiniGrid") -> dict[str, Any]:
-    """Return an environment's observation: what its `gen_obs` returns, but several times as fast.
-
-    MiniGrid copies and turns the cells of the view up to five times; here each cell is read once.
-    """
-    if not _observes_as_minigrid(env.__class__, env.grid.__class__):
-        observed: dict[str, Any] = type(env).gen_obs(env)
-        return observed
-    cells, width, height = env.grid.grid, env.grid.width, env.grid.height
-    size = env.agent_view_size
-    (x, y), direction = map(int, env.agent_pos), int(env.agent_dir)
-    image = bytearray(3 * size * size)  # zeros are unseen cells
-    visible = 1 << size // 2
-    for far, row in enumerate(_rows(direction, size)):
-        things, clear = [], 0
-        for i, (right, down) in enumerate(row):
-            column, line = x + right, y + down
-            inside = 0 <= column < width and 0 <= line < height
-            thing = cells[line * width + column] if inside else _outside()
-            things.append(thing)
-            if thing is None or thing.see_behind():
-                clear |= 1 << i
-        if not far:
-            things[size // 2] = env.carrying
-        visible, behind = _visible_cells(visible, clear, size)
-        if env.see_through_walls:
-            visible = behind = (1 << size) - 1
-        for i, thing in enumerate(things):
-            if visible & 1 << i:
-                at = 3 * (size * (i + 1) - 1 - far)
-                image[at : at + 3] = EMPTY if thing is None else bytes(thing.encode())
-        if not (visible := behind):
-            break
-    codes = np.frombuffer(image, np.uint8).reshape(size, size, 3)
-    return {"image": codes, "direction": env.agent_dir, "mission": env.mission}
-
-
-@cache
-def _outside() -> Any:
-    return sys.modules["minigrid.core.world_object"].Wall()
-
-
-@cache
-def _observes_as_minigrid(kind: type, grid: type) -> bool:
-    """Return whether a class of environments and its class of grids observe as MiniGrid does."""
-    base: Any = sys.modules["minigrid.minigrid_env"].MiniGridEnv
-    names = "gen_obs", "gen_obs_grid", "get_view_exts"
-    inherited = all(getattr(kind, name) is getattr(base, name) for name in names)
-    return inherited and grid is sys.modules["minigrid.core.grid"].Grid
-
-
-def quicken(env: Environment) -> None:
-    """Let an environment of MiniGrid observe by `observation_of`, unless it observes otherwise."""
-    base: Any = env
-    if observes_itself(env):
-        base.gen_obs = partial(observation_of, base)
-
-
-def observes_itself(env: object) -> bool:
-    """Return whether an environment's observations are MiniGrid's own."""
-    replaced: Any = vars(env).get("gen_obs")
-    return replaced is None or getattr(replaced, "func", None) is observation_of
-
-
 class _View(Unseen, UserDict[str, Any]):
     """An observation that is computed when it is read."""
 
-    def __init__(self, env: "MiniGrid"):
-        self.env = env
+    def __init__(self, view: CompiledView):
+        self.view = view
 
     @cached_property
     def data(self) -> dict[str, Any]:  # type: ignore[override]
-        return observation_of(self.env)
+        return self.view()
 
 
 class MiniGridAccess(StateAccess):
@@ -401,7 +277,8 @@ class MiniGridAccess(StateAccess):
             self.level = self.by_digest[digest] = Level(len(self.levels), base)
             self.levels.append(self.level)
             _, self.level.content = self.save(base, None)
-        base.gen_obs = lambda: _View(base)
+        view = CompiledView(base)
+        base.gen_obs = lambda: _View(view)
 
     def save(self, env: Environment, returned: object) -> tuple[Hashable, Any]:
         """Return the state as a tuple, its key and its content alike."""

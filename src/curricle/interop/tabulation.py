@@ -33,7 +33,6 @@ from curricle.interop.minigrid import (
     MiniGridAccess,
     MiniGridState,
     fitting_state,
-    is_minigrid,
     named_actions,
 )
 from curricle.interop.states import (
@@ -60,6 +59,7 @@ from curricle.interop.tabulated_task import (
 from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
 from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.minigrid_view import is_minigrid
 from curricle.tasks.models import number_of
 from curricle.tasks.observation_task import SHARED, EnvironmentMaker, layers_of
 from curricle.tasks.readers import Pairs

@@ -313,6 +313,7 @@ ObservationTaskTable = table_of(
     _ObservationTable,
     tag="observation_task",
     without=("environment", "encode", "make_arguments"),
+    compiled_view=(Flag | None, None),  # None is not stored
 )
 _by_id = BeforeValidator(
     lambda value: {"id": value} if isinstance(value, str) else value,

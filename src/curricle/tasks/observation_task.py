@@ -17,9 +17,10 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array, iterate
 
-from curricle.checks import brief
+from curricle.checks import brief, instance
 from curricle.errors import CurricleError, TaskError, in_words
 from curricle.files import short_digest
+from curricle.tasks.minigrid_view import view_compiled
 from curricle.tasks.models import check_horizon
 
 
@@ -152,6 +153,9 @@ class ObservationTask:
         gamma, in [0, 1].
     time_limit : int, optional
         Steps after which an episode is cut off, at most the environment's own, the default.
+    compiled_view : bool
+        Whether compiled code makes the observations of MiniGrid's environments. They are the same
+        as by MiniGrid's own code, which an environment with methods of its own keeps.
 
     Examples
     --------
@@ -165,8 +169,10 @@ class ObservationTask:
     make: Callable[[], gymnasium.Env[Any, Any]]
     discount: float = 0.99
     time_limit: int | None = None
+    compiled_view: bool = field(default=True, compare=False, kw_only=True)  # changes nothing seen
 
     def __post_init__(self) -> None:
+        instance("compiled_view", self.compiled_view, bool, TaskError)
         if not callable(self.make):
             raise TaskError(f"make must be a function that returns an environment: {self.make!r}")
         check_horizon(self)
@@ -215,6 +221,7 @@ class ObservationTask:
     def environment(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment, cut off at the task's time limit."""
         environment = self.make()
+        view_compiled(environment, self.compiled_view)
         if self.time_limit is None:
             return environment
         return gymnasium.wrappers.TimeLimit(environment, self.time_limit)

@@ -7,7 +7,6 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError, TaskError
 from curricle.interop import MiniGridFullView, MiniGridView
-from curricle.interop.minigrid import observation_of
 
 minigrid = pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
 CROSSING = "MiniGrid-SimpleCrossingS9N1-v0"
@@ -39,28 +38,6 @@ def test_the_view_is_one_hot(name):
             assert seen in env.observation_space
             action = int(rng.integers(6))
             seen, raw = env.step(action)[0], plain.step(action)[0]
-
-
-@pytest.mark.filterwarnings("ignore:.*is out of date")
-@pytest.mark.parametrize("size", [7, 3])
-@pytest.mark.parametrize("through", [False, True])
-def test_the_quick_observation_is_minigrids_own(size, through):
-    names = sorted(name for name in gym.registry if name.startswith(("MiniGrid-", "BabyAI-")))
-    rng = np.random.default_rng(size)
-    for name in rng.choice(names, 25, replace=False):
-        if "WFC" in name:
-            continue
-        base = gym.make(name, disable_env_checker=True).unwrapped
-        base.agent_view_size, base.see_through_walls = size, through
-        base.reset(seed=1)
-        for step in range(30):
-            slow, _, terminated, truncated, _ = base.step(int(rng.integers(6)))
-            quick = observation_of(base)
-            assert quick["image"].dtype == np.uint8
-            np.testing.assert_array_equal(quick.pop("image"), slow.pop("image"), str(name))
-            assert quick == slow, name
-            if terminated or truncated:
-                base.reset(seed=step)
 
 
 def test_the_picture_has_the_same_numbers():

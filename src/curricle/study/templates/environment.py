@@ -32,7 +32,6 @@ from curricle.interop.gymnasium import (
     opened,
     space_of,
 )
-from curricle.interop.minigrid import is_minigrid
 from curricle.interop.states import MORE_RESETS, DeepCopy, time_limit_of
 from curricle.interop.tabulation import tabulate
 from curricle.study.templates.play import EPISODES, PLAYED, Play
@@ -57,6 +56,7 @@ from curricle.study.templates.variants import (
 )
 from curricle.study_file.own_code import users_code
 from curricle.tasks.live import checked_parts, is_live, seeded_reset
+from curricle.tasks.minigrid_view import is_minigrid
 from curricle.tasks.observation_task import EnvironmentMaker, check_observation
 from curricle.text import counted
 

@@ -13,10 +13,10 @@ from gymnasium.spaces import Box
 
 from curricle.interop.encoders import Bins, WholeNumbers
 from curricle.interop.gymnasium import actions_of
-from curricle.interop.minigrid import is_minigrid
 from curricle.interop.states import Words, counters_of, words_of_state
 from curricle.interop.tabulated_task import parts_of, same_observation
 from curricle.tasks.live import action_mask, checked_parts, seeded_reset
+from curricle.tasks.minigrid_view import is_minigrid
 from curricle.tasks.observation_task import check_observation
 
 PLAYED, EPISODES, LONGEST = 2.0, 6, 1_000  # seconds, episodes, and steps of an episode
