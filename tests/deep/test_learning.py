@@ -227,6 +227,21 @@ def test_the_potential_is_added_to_values_learnt_with_state_shaping(observed):
     assert values.v(rows) == pytest.approx(bare.v(rows) + phi.v(rows))
 
 
+def test_a_compiled_view_changes_no_result_of_training():
+    pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
+    ppo = cr.deep.DeepLearner("PPO", envs=2, settings={"n_steps": 32, "batch_size": 32})
+    name, see = "minigrid:MiniGrid-DoorKey-5x5-v0", cr.interop.MiniGridView()
+    compiled, own = (
+        cr.deep.learn_deep(
+            cr.observation_task(name, encode=see, compiled_view=on), ppo, 256, eval_freq=128
+        )
+        for on in (True, False)
+    )
+    np.testing.assert_array_equal(compiled.greedy_return, own.greedy_return)
+    for left, right in zip(*(parts(result.values[0]) for result in (compiled, own)), strict=True):
+        np.testing.assert_array_equal(left, right)
+
+
 def test_a_potential_by_hand_of_observations_is_a_value_source():
     car = cr.observation_task("MountainCar-v0")
     height = FunctionValues(state_values=lambda cars: cars[:, 0])

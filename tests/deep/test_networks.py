@@ -5,10 +5,21 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import torch
+from gymnasium.spaces import Box, Discrete
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import FlattenExtractor
 
 import curricle as cr
 from curricle.deep.models import model_for
-from curricle.deep.networks import FEW, NetworkValues, plain_network
+from curricle.deep.networks import (
+    FEW,
+    NetworkValues,
+    SmallCNN,
+    Standardized,
+    acting,
+    greedy_layers,
+    plain_network,
+)  # fmt: skip
 from curricle.errors import MappingError, PotentialError
 
 CART = cr.observation_task("CartPole-v1", discount=0.99)
@@ -111,3 +122,19 @@ def test_what_is_not_plain_is_left_to_torch():
         assert plain_network(policy, values.kind) is None
         said = said_by_torch(policy, values.kind, rows)
         assert values.v(rows) == pytest.approx(said.max(axis=1))
+
+
+@pytest.mark.parametrize("observed", ["plain", "pictures", "normalised"])
+def test_greedy_actors_choose_what_predict_chooses(observed):
+    space = Box(-1, 1, (4, 6, 6) if observed == "pictures" else (9,), np.float32)
+    extractors = {"plain": FlattenExtractor, "pictures": SmallCNN, "normalised": Standardized}
+    policy = ActorCriticPolicy(
+        space, Discrete(5), lambda _: 1e-3, features_extractor_class=extractors[observed]
+    )
+    assert (greedy_layers(policy) is not None) == (observed == "plain")
+    rng = np.random.default_rng(0)
+    act = acting(policy, [None] * 50)
+    for n in [1, 5, 50] * 20:
+        seen = rng.uniform(-1, 1, (n, *space.shape)).astype(np.float32)
+        chosen, _ = policy.predict(seen, deterministic=True)
+        np.testing.assert_array_equal(act(seen, range(n)), chosen)

@@ -120,9 +120,8 @@ def environments(
     venv = kind(makers) if phi is None else ShapedVecEnv(kind(makers), phi)
     if not learner.normalizes("norm_reward"):
         return venv
-    return vec_env.VecNormalize(
-        venv, **{**learner.normal, "norm_obs": False, "gamma": task.discount}
-    )
+    settings: Any = {**learner.normal, "norm_obs": False, "gamma": task.discount}
+    return vec_env.VecNormalize(venv, **settings)
 
 
 def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
@@ -226,14 +225,8 @@ class DeepRun:
         start, learner = stream_start(seed, self.stream), self.learner
         steps, model_seed = self.limits[0] - charged, splitmix64(start) >> 33
         with isolated(learner.threads):
-            model = model_for(
-                self.task,
-                learner,
-                shaping,
-                seed=model_seed,
-                steps=steps,
-                processes=learner.processes,
-            )
+            made: Any = {"seed": model_seed, "steps": steps, "processes": learner.processes}
+            model = model_for(self.task, learner, shaping, **made)
             values = NetworkValues(model.policy, subtracted(shaping))
             recorder = Recorder(self, values, steps, start)
             try:
@@ -243,10 +236,8 @@ class DeepRun:
                         f"a budget must hold a rollout of {learner.algorithm}, n_steps times envs: "
                         f"{rollout:,} steps are more than {steps:,}"
                     )
-                callbacks = [] if learner.callbacks is None else learner.callbacks()
-                model.learn(
-                    steps, callback=[recorder, *callbacks], progress_bar=learner.progress_bar
-                )
+                callbacks = [recorder, *(learner.callbacks() if learner.callbacks else ())]
+                model.learn(steps, callback=callbacks, progress_bar=learner.progress_bar)
                 recorder.reach()
             finally:
                 model.env.close()  # its processes end

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.spaces import Box, Dict, Space
+from gymnasium.spaces import Box, Dict, Discrete, Space
 
 from curricle.arrays import FloatArray
 from curricle.checks import whole_number
@@ -157,7 +157,7 @@ class NetworkValues:
             heads = self.kind == "value_net"
             network = self.policy.predict_values if heads else getattr(self.policy, self.kind)
             with torch.no_grad():
-                outputs = _array(network(self._seen(observations)))
+                outputs = network(self._seen(observations)).cpu().numpy().astype(np.float64)
         if self.kind == "quantile_net":
             n_actions = int(self.policy.action_space.n)
             outputs = outputs.reshape(len(outputs), -1, n_actions).mean(axis=1)
@@ -174,8 +174,8 @@ class NetworkValues:
             critics = self.policy.critic(inputs, taken)
             if isinstance(critics, torch.Tensor):  # TQC's quantiles, (n, critics, quantiles)
                 critics = critics.mean(dim=2, keepdim=True).unbind(1)
-            values = [_array(q)[:, 0] for q in critics]
-        return np.asarray(np.stack(values).min(axis=0))
+            values = [q[:, 0].cpu().numpy() for q in critics]
+        return np.min(values, axis=0).astype(np.float64)  # type: ignore[no-any-return]
 
     def _with_offset(self, values: FloatArray, observations: Batch) -> FloatArray:
         if self._standardized is not None:  # of normalised rewards
@@ -186,20 +186,22 @@ class NetworkValues:
         return values + (phi[:, None] if values.ndim == 2 else phi)
 
 
-def _array(tensor: "torch.Tensor") -> FloatArray:
-    return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
-
-
 def acting(
     model: "BaseAlgorithm | BasePolicy", environments: Sequence[Any], *, sampled: bool = False
 ) -> Policy:
     """Return how a model acts in episodes side by side, with its memory and masks of actions."""
     masked = needs_of(model) == "masks of actions"
+    layers = None if sampled else greedy_layers(model)
     memory: Any = None  # arrays (layers, episodes, size), of those that ran before
     before: Sequence[int] = ()
 
     def policy(observations: object, running: Sequence[int]) -> npt.NDArray[Any]:
         nonlocal memory, before
+        if layers is not None:
+            with torch.no_grad():  # the operations of `predict`, without what surrounds them
+                logits = layers(torch.as_tensor(observations).float())
+                logits = logits - logits.logsumexp(-1, keepdim=True)
+                return np.asarray(torch.softmax(logits, -1).argmax(1))
         kept, masks = np.isin(before, running), {}
         if masked:
             rows = [environments[k].get_wrapper_attr("action_masks")() for k in running]
@@ -211,6 +213,16 @@ def acting(
         return np.asarray(actions)
 
     return policy
+
+
+def greedy_layers(policy: Any) -> "torch.nn.Module | None":
+    """Return a plain actor's layers, on whose largest output it acts; None if any is unusual."""
+    if type(policy) is not ActorCriticPolicy or type(policy.mlp_extractor) is not MlpExtractor:
+        return None
+    modules = [*policy.mlp_extractor.policy_net, policy.action_net]
+    plain = plain_layers(modules, policy.pi_features_extractor, policy.observation_space)
+    usual = plain and isinstance(policy.action_space, Discrete)
+    return torch.nn.Sequential(*modules) if usual and policy.device.type == "cpu" else None
 
 
 # -- plain layers, computed by NumPy, which is quicker for few observations --------------------
@@ -312,11 +324,7 @@ class Standardized(BaseFeaturesExtractor):
             observation_space, **(extractor_kwargs or {})
         )
         super().__init__(observation_space, inner.features_dim)
-        parts = (
-            observation_space.spaces
-            if isinstance(observation_space, Dict)
-            else {"": observation_space}
-        )
+        parts: dict[str, Any] = getattr(observation_space, "spaces", {"": observation_space})
         boxes = [key for key, part in parts.items() if isinstance(part, Box)]
         self.inner, self.epsilon = inner, epsilon
         self.numbers = {key: f"running_{i}" for i, key in enumerate(boxes) if epsilon is not None}
