@@ -309,6 +309,10 @@ MUTATIONS = [
     Mutation("states with different rewards are made one", "interop/tabulation.py",
         " * len(different) + rewards.reshape(tables.reward.shape)", "",
         (f"{TABULATE}::test_observations_that_several_states_show_show_none",)),
+    Mutation("a compiled view keeps the colours that objects had", "tasks/minigrid_view.py",
+        ", *map(COLOUR, self.things)", "",
+        ("tests/property/test_minigrid_view.py"
+         "::test_any_grid_looks_as_by_minigrid_before_and_after_changes",)),
     Mutation("memory of episodes that have ended", "deep/networks.py",
         "part[:, kept] for part in memory", "part[:, : len(running)] for part in memory",
         (f"{ACTING}::test_each_episode_keeps_its_own_memory_when_others_end",)),
