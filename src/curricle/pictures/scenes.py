@@ -18,8 +18,8 @@ import numpy.typing as npt
 from markupsafe import Markup
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from curricle.arrays import IntArray, frozen
-from curricle.pictures.views import GridView, layout_of, marker_letters, stacked
+from curricle.arrays import BoolArray, IntArray, frozen
+from curricle.pictures.views import GridView, bars_of, layout_of, marker_letters, stacked
 from curricle.tasks.grid import LETTERS, MOVES, GridLayout
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.live import LiveMDP, reset_state
@@ -141,10 +141,16 @@ LARGEST_CELL, SMALLEST_CELL = 64, 4
 MARGIN = 4
 LINES, GLOW = "#dedace", "#fadcc9"
 NOWHERE = np.empty((0, 2), np.int64)
-Marks = tuple[IntArray, IntArray]  # cells that glow, and cells in which episodes start
-NO_MARKS: Marks = (NOWHERE, NOWHERE)
+Marks = tuple[IntArray, IntArray, IntArray]
+"""Cells that glow, cells in which episodes start, and thin walls as in a view."""
+NO_MARKS: Marks = (NOWHERE, NOWHERE, np.empty(0, np.int64))
 FIGURES = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE, "G": TREASURE}
 """What lies in cells, by its letter; a goal looks like a treasure."""
+
+
+def on_grid(bars: IntArray, shape: tuple[int, ...]) -> BoolArray:
+    """Return where a grid has thin walls, (2, rows, columns): east of each cell, and south."""
+    return np.isin(np.arange(2 * math.prod(shape)), bars).reshape(2, *shape)
 
 
 def tile(letter: str, colour: str) -> Figure:
@@ -157,7 +163,8 @@ class Canvas:
 
     def __init__(self, letters: Letters, marks: Marks = NO_MARKS, *, framed: bool = True):
         """Draw the walls and objects of a map, (rows, columns), and marks below them."""
-        glowing, starts = ({*map(tuple, cells.tolist())} for cells in marks)
+        self.bars = on_grid(marks[2], letters.shape)
+        glowing, starts = ({*map(tuple, cells.tolist())} for cells in marks[:2])
         # Even, as video formats require.
         self._cell = max(SMALLEST_CELL, min(LARGEST_CELL, SIDE // max(letters.shape)) // 2 * 2)
         height, width = (side * self._cell + 2 * MARGIN for side in letters.shape)
@@ -175,6 +182,11 @@ class Canvas:
             if letter != ".":
                 figure = FIGURES.get(letter, tile(letter, COATS[1]))
                 _paste(self._backdrop, self._corner(cell), figure, side)
+        for below, row, column in np.argwhere(self.bars).tolist():
+            top, left = self._corner((row, column))
+            edge = slice(side - max(1, side // 16), side + max(1, side // 16))
+            region = (edge, slice(side)) if below else (slice(side), edge)
+            self._backdrop[top:, left:][region] = ImageColor.getrgb(DARK)
 
     def with_figures(self, cells: Cells, figures: Sequence[Figure]) -> Pixels:
         """Return the grid with figures in cells; those that share a cell are side by side."""
@@ -255,7 +267,13 @@ class GridScene(Generic[Moment]):
             [figures.get((y, x), letter).ljust(wide) for x, letter in enumerate(row)]
             for y, row in enumerate(self.letters.tolist())
         ]
-        return "\n".join([self.gap.join(row).rstrip() for row in letters] + self.lines(moment))
+        east, south = self.canvas.bars.tolist()
+        gap, rows = self.gap or " " * bool(self.canvas.bars.any()), list[str]()
+        for row, walls, below in zip(letters, east, south, strict=True):
+            cells_and_gaps = zip(row, walls, strict=True)
+            rows.append("".join(text + ("|" if wall else gap) for text, wall in cells_and_gaps))
+            rows += ["".join(("-" if wall else " ") * wide + gap for wall in below)] * any(below)
+        return "\n".join([row.rstrip() for row in rows] + self.lines(moment))
 
 
 @dataclass(frozen=True)
@@ -349,7 +367,8 @@ def scene_of_view(view: GridView) -> GridScene[IntArray]:
     def cells(numbers: IntArray) -> Cells:
         return [divmod(number, columns) for number in numbers.tolist()]
 
-    return GridScene(letters, Canvas(letters), letters, cells, names, figures, gap)
+    canvas = Canvas(letters, (NOWHERE, NOWHERE, view.bars))
+    return GridScene(letters, canvas, letters, cells, names, figures, gap)
 
 
 def _layout_scene(task: Task, layout: GridLayout) -> GridScene[int]:
@@ -377,7 +396,7 @@ def _layout_scene(task: Task, layout: GridLayout) -> GridScene[int]:
     def lines(state: int) -> list[str]:
         return _lines_of(states, state, unplaced) if unplaced else []
 
-    canvas, names = Canvas(letters, (glowing, starts)), [*markers, "@"]
+    canvas, names = Canvas(letters, (glowing, starts, bars_of(task, layout))), [*markers, "@"]
     return GridScene(text, canvas, letters, cells, names, figures, lines=lines)
 
 

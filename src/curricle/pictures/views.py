@@ -62,6 +62,8 @@ class GridView:
     objects: tuple[tuple[str, int, int, bool], ...] = ()
     # Cells in which no state lies and that are no walls, counted by rows, (m,).
     air: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    # Thin walls, numbered in (2, rows, columns): to the east of each cell, and to the south.
+    bars: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
     def of(cls, task: object, at: At | None = None) -> "GridView":
@@ -165,6 +167,7 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
         words=", ".join([*(f"{LETTERS[n]}: {n}" for n in objects), *legend.values(), *keys]),
         objects=layout.objects,
         air=np.flatnonzero(air),
+        bars=bars_of(task, layout),
         **_of_task(task, states, None, is_map=True),
     )
 
@@ -331,6 +334,35 @@ def layout_of(task: object) -> GridLayout | None:
     corner = int(origin[0]), int(origin[1])
     objects = _ends_of(task, cells)
     return GridLayout(cells, sides, (rows, columns), corner, objects, markers=moving)
+
+
+def bars_of(task: object, layout: GridLayout) -> IntArray:
+    """Return the thin walls between neighbouring cells, (m,) as in a :class:`GridView`.
+
+    A wall keeps those where they are who go east from the one cell or west from the other, and no
+    action leads from the one to the other.
+    """
+    moves, (_, columns) = generative_model(task).actions.components, layout.shape
+    known = len(moves) == 1 and set(moves[0].labels or ("",)) <= set(DIRECTIONS)
+    if not known or not has_tables(task) or len(layout.cells) > MOST_STATES_OF_TABLES:
+        return np.empty(0, np.int64)
+    mdp, n = tables(task), int(np.prod(layout.shape))
+    directions = np.array([DIRECTIONS[label] for label in moves[0].labels or ()])
+    at = (layout.cells - layout.origin) @ np.array([columns, 1])
+    happens = (mdp.probability > 0)[mdp.outcome_row] & ~mdp.terminal[:, None, None]
+    before, after = at[:, None, None], at[mdp.next_state][mdp.outcome_row]  # (S, A, O)
+    stays, joined = (happens & (before == after)).any(axis=2), (before * n + after)[happens]
+    bars = np.zeros((2, n), bool)
+    for side, (way, back, further) in enumerate([(2, 4, 1), (3, 1, columns)]):
+        from_here, from_there = (
+            np.unique(at[stays[:, directions == direction].any(axis=1)])
+            for direction in (way, back)
+        )
+        here = np.intersect1d(from_here, from_there - further)
+        here = here[(side == 1) | (here % columns < columns - 1)]
+        there = here + further
+        bars[side, here] = ~np.isin([here * n + there, there * n + here], joined).any(axis=0)
+    return np.flatnonzero(bars)
 
 
 Objects = tuple[tuple[str, int, int, bool], ...]

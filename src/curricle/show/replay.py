@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatTable, IntArray
 from curricle.learning.record import Snapshots
+from curricle.pictures.scenes import on_grid
 from curricle.pictures.views import GridView, stacked
 from curricle.show.graph import Learnt
 from curricle.show.plots import places
@@ -63,6 +64,10 @@ def grid_drawing(view: GridView) -> dict[str, Any]:
         # Paths: the lines between cells, cells in which no state lies, and terminal states.
         "lines": "".join(lines),
         "walls": squares(shifted(view, view.walls)),
+        "bars": "".join(
+            f"M{x} {y + 1}h1" if side else f"M{x + 1} {y}v1"
+            for side, y, x in np.argwhere(on_grid(view.bars, view.shape)).tolist()
+        ),
         "ended": squares(shifted(view, view.cells[view.ended])),
         # What lies in a maze: letter, colour, column, row, and whether it ends the episode.
         "objects": [

@@ -78,6 +78,7 @@ class ViewRecord(Plain):
     objects: tuple[tuple[Thing, int, int, bool], ...]
     markers: tuple[tuple[str, Literal["blue", "vermillion", "green", "purple", "black"]], ...]
     air: Ints = Field(default_factory=lambda: np.empty(0, np.int64))  # no states, no walls
+    bars: Ints = Field(default_factory=lambda: np.empty(0, np.int64))  # walls between cells
 
     @classmethod
     def of(cls, view: GridView) -> Self:
@@ -104,9 +105,9 @@ class ViewRecord(Plain):
             raise ValueError(f"shape must have at most {MOST_CELLS:,} cells: got {self.shape}")
         if {self.states.ndim, self.cells.ndim, self.ended.ndim} != {1} or self.cells.size != n:
             raise ValueError("states and cells must have as many entries")
-        places = (self.cells, self.air)
-        if not (all(_below(cells, rows * columns) for cells in places) and _below(self.ended, n)):
-            raise ValueError("cells and air must lie within the shape, and ended within states")
+        places, cells = (self.cells, self.air, self.bars // 2), rows * columns
+        if not (all(_below(part, cells) for part in places) and _below(self.ended, n)):
+            raise ValueError("cells, air and bars must lie within the shape, ended within states")
         if moves is not None and (len(moves) != len(self.actions) or not set(moves) <= {*range(5)}):
             raise ValueError("directions must be one of 0 to 4 for each action")
         return self

@@ -25,8 +25,9 @@ from curricle.pictures.scenes import (
     predator,
     scene_of,
 )
-from curricle.pictures.views import GridView, layout_of
+from curricle.pictures.views import GridView, bars_of, layout_of
 from curricle.show.notebook import register_with
+from curricle.tasks.grid import cell_space
 from tests.unit.interop.environments import TASKS, WALLED
 
 GRIDS = {
@@ -53,7 +54,7 @@ def test_pictures_and_texts_of_all_states_have_one_size_and_differ(task):
     if (layout := layout_of(task)) is not None:
         for state, text in zip(states, texts, strict=True):
             lines, (row, column) = text.splitlines(), layout.cells[state] - layout.origin
-            assert lines[row][column] == "@"
+            assert lines[row][column * (1 + scene.canvas.bars.any())] == "@"  # or a thin wall
             assert "".join(lines[: layout.shape[0]]).count("@") == 1
 
 
@@ -178,3 +179,41 @@ def test_a_grid_task_is_a_picture_in_a_notebook(task):
 def test_a_task_without_a_grid_is_printed_in_a_notebook():
     numbered = cr.FiniteMDP.from_outcomes([[[(1.0, 0, 0.0, False)]]], start=0, discount=0.9)
     assert in_a_notebook(numbered) is None
+
+
+def test_thin_walls_are_read_off_the_moves_of_a_town():
+    # Dietterich's town: a wall stands in two upper rows, and two stand in the lower rows.
+    text = scene_of(tasks.Taxi()).text(0)
+    assert [line.replace("@", ".") for line in text.splitlines()[:5]] == [
+        *[". .|. . ."] * 2,
+        ". . . . .",
+        *[".|. .|. ."] * 2,
+    ], text
+    drawn, without = (scene_of(tasks.Taxi(walls=walls)).image(0) for walls in (True, False))
+    columns = np.flatnonzero((drawn != without).any(axis=(0, 2))) - 4  # cells of 64 pixels
+    assert np.unique((columns + 8) // 64).tolist() == [1, 2, 3]
+    assert (columns % 64 < 5).any()
+    assert (columns % 64 > 59).any()
+
+
+def test_no_thin_wall_stands_where_moves_lead_elsewhere_or_nobody_tries():
+    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9)  # which is slippery
+    wind = one_move("south", [0, 1, 0, 1])  # it carries up who goes south, from below too
+    for task in (tasks.CliffWalking(), GRIDS["a sea"], lake, wind):
+        assert bars_of(task, layout_of(task)).size == 0
+    floor = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, s, -1.0)]] * 2 for s in range(4)],
+        **{"start": 0, "terminal": [False] * 4, "discount": 0.9, "states": cell_space(2, 2)},
+        actions=cr.Space([cr.Component("move", 2, labels=("south", "up"))]),
+    )
+    assert bars_of(floor, layout_of(floor)).tolist() == [4, 5]  # below the two upper cells
+    scene = scene_of(floor)
+    assert scene.text(0) == "@ .\n- -\n. ."
+
+
+def one_move(label, after):
+    return cr.FiniteMDP.from_outcomes(
+        [[[(1.0, state, -1.0)]] for state in after],
+        **{"start": 0, "terminal": [False] * 4, "discount": 0.9, "states": cell_space(2, 2)},
+        actions=cr.Space([cr.Component("move", 1, labels=(label,))]),
+    )
