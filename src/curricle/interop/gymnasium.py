@@ -35,6 +35,7 @@ from curricle.interop.states import (
     fingerprint,
     time_limit_of,
 )
+from curricle.pictures.scenes import board
 from curricle.tasks.grid import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import compiled, draw
@@ -552,7 +553,9 @@ def space_of(space: gym.Space[Any], name: str) -> Space:
     components = list(_components(space, name))
     if len({component.name for component in components}) < len(components):
         components = [replace(c, name=f"{name}_{i + 1}") for i, c in enumerate(components)]
-    return Space(components)
+    is_array = isinstance(space, Box)
+    drawn = (lambda point, mode: board(Point(space)(point), mode)) if is_array else None
+    return Space(components, drawn=drawn)
 
 
 def is_discrete(space: gym.Space[Any]) -> bool:

@@ -1,6 +1,7 @@
 """An environment as tables: the observation of each state, and how the tables were made."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from inspect import signature
@@ -14,8 +15,10 @@ from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.errors import SettingError, TaskError
 from curricle.files import read_saved, write_saved
 from curricle.learning.tabular_policy import as_saved
+from curricle.pictures.episode import TEXT, frame_of, own_text, with_pictures
+from curricle.pictures.scenes import board
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.observation_task import batch_size
+from curricle.tasks.observation_task import EnvironmentMaker, batch_size
 from curricle.tasks.spaces import Component, Space
 from curricle.text import brief_repr, counted
 from curricle.transfer.mapping import UNMAPPED
@@ -187,6 +190,55 @@ def assembled(parts: Mapping[str, Leaf]) -> Any:
     if all(key.startswith(POSITION) for key in inner):
         return tuple(assembled(part) for part in inner.values())
     return {_unescaped(key): assembled(part) for key, part in inner.items()}
+
+
+def way_to(before: IntArray, state: int) -> tuple[int, list[int]]:
+    """Return the number of a reset, and the actions that lead from there to a state.
+
+    In `before`, (S, 2), are the state and the action before each, in a first one -1 and the number.
+    """
+    way = list[int]()
+    while before[state, 0] >= 0:
+        state, action = before[state].tolist()
+        way.append(action)
+    return int(before[state, 1]), way[::-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What an environment shows of each state of its tables, where actions lead; or its board."""
+
+    make: EnvironmentMaker
+    act: Callable[[int], Any]
+    seeds: Sequence[int]
+    before: IntArray | None  # as in `way_to`; None where actions are not sure to lead there
+    observations: ObservationTable | None
+
+    def __call__(self, state: int, mode: str) -> Any:
+        """Return a state's text or pixels, by a mode of ``render``; None for neither."""
+        table, shown = {} if self.observations is None else self.observations.parts, None
+        parts = {name: part[state] for name, part in table.items()}
+        with suppress(Exception):  # of the user's class: numbers name a state as well
+            shown = self._rendered(state, mode, parts)
+        return board(parts.get("", 0), mode) if shown is None else shown
+
+    @cached_property
+    def _modes(self) -> Sequence[str]:
+        with closing(self.make()) as env:
+            return env.metadata.get("render_modes", ())  # type: ignore[no-any-return]
+
+    def _rendered(self, state: int, mode: str, parts: Mapping[str, Leaf]) -> Any:
+        if self.before is None:
+            return None
+        make = with_pictures(self.make, mode) if mode in self._modes else self.make
+        with closing(make()) as env:
+            reset, way = way_to(self.before, state)
+            observed, _ = env.reset(seed=self.seeds[reset])
+            for action in way:
+                observed, *_ = env.step(self.act(action))
+            if parts and not same_observation(parts, parts_of(observed)):
+                return None
+            return own_text(env) if mode == TEXT else frame_of(env)
 
 
 BATCH = 4096  # observations that a model is asked about at once

@@ -7,7 +7,7 @@ tables: they find parts of a state that were not saved.
 
 from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -50,11 +50,13 @@ from curricle.interop.states import (
 )
 from curricle.interop.tabulated_task import (
     ObservationTable,
+    Shown,
     TabulatedTask,
     TabulationRecord,
     parts_of,
     same_observation,
     stacked_observations,
+    way_to,
 )
 from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
@@ -320,6 +322,11 @@ def tabulate(
         limit: Any = time_limit_of(env, stated) if time_limit == "own" else time_limit
     if names is not None:
         tables = tables._replace(states=with_names(tables.states, names, sizes))
+    if make.recipe is not None:
+        sure = bool((tables.probability[tables.tried].max(axis=1) == 1).all())
+        before = ways_from(tables, tables.first, moves.size) if sure else None
+        drawn = Shown(make, act, plan.seeds, before, tables.observations)
+        tables = tables._replace(states=replace(tables.states, drawn=drawn))
     return TabulatedTask(tables.mdp(moves, discount, limit), tables.observations, record)
 
 
@@ -509,7 +516,8 @@ def steps_checked(world: World, tables: Tables) -> int:
         k = walk % len(world.seeds)
         # An episode: on the way to some state, then at random.
         seed, first = world.seeds[k], int(tables.first[k])
-        way = _way(tables, first, n_actions, rng)
+        before = ways_from(tables, np.array([first]), n_actions)
+        _, way = way_to(before, int(rng.choice(np.flatnonzero(before[:, 0] > NO_WAY))))
         observed, _ = world.env.reset(seed=seed)
         possible, truncated, taken = {first}, False, 0
         _looking_like(observed, possible, tables, f"a reset with seed {seed}", world.name)
@@ -563,24 +571,25 @@ def _looking_like(
     return possible
 
 
-def _way(tables: Tables, first: int, n_actions: int, rng: np.random.Generator) -> list[int]:
-    """Return actions whose most likely outcomes lead to a state drawn at random."""
+NO_WAY = -2
+
+
+def ways_from(tables: Tables, first: IntArray, n_actions: int) -> IntArray:
+    """Return what leads from the states `first` to each by the most likely outcomes, (S, 2).
+
+    It is as :func:`way_to` reads it, of shortest ways; `NO_WAY` where there is none.
+    """
     likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
     staying = np.arange(len(likely)) // n_actions
     likely = np.where(tables.tried, likely, staying).reshape(-1, n_actions)
-    # Breadth first, the state and action from which each state is first reached; -1 where not.
-    parent = np.full((len(likely), 2), -1)
-    parent[first] = first, 0
-    front = np.array([first])
+    parent = np.full((len(likely), 2), NO_WAY)
+    parent[first, 0], parent[first, 1] = -1, np.arange(len(first))
+    front = np.unique(first)
     while front.size:
         front = front[~tables.terminal[front]]
         new = likely[front]
-        row, move = np.nonzero(parent[new, 0] < 0)
+        row, move = np.nonzero(parent[new, 0] == NO_WAY)
         reached, which = np.unique(new[row, move], return_index=True)
         parent[reached, 0], parent[reached, 1] = front[row[which]], move[which]
         front = reached
-    state, way = int(rng.choice(np.flatnonzero(parent[:, 0] >= 0))), list[int]()
-    while state != first:
-        state, action = parent[state].tolist()
-        way.append(action)
-    return way[::-1]
+    return parent

@@ -23,7 +23,7 @@ from curricle.pictures.scenes import FLOOR, INK, scene_of
 from curricle.planning.rollouts import Trajectory
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model
-from curricle.tasks.observation_task import EnvironmentMaker
+from curricle.tasks.observation_task import EnvironmentMaker, layers_of
 from curricle.tasks.spaces import action_name, values_of
 from curricle.text import counted
 
@@ -145,6 +145,8 @@ class Episode:
         # A GIF counts hundredths of a second.
         shown = 10 * round(100 / min(fps, FASTEST))
         quick = Image.Quantize.FASTOCTREE  # several times faster than Pillow's own choice
+        if not self.frames:
+            raise SettingError("a GIF needs pictures: this episode was stored as text alone")
         first, *later = (
             picture.quantize(method=quick, dither=Image.Dither.NONE) for picture in self._pictures()
         )
@@ -223,18 +225,29 @@ def played(env: gym.Env[Any, Any], act: Callable[[Any], Any], *, seed: int, limi
 
 # -- pictures that environments draw themselves ----------------------------------------------------
 
-PICTURES = "rgb_array"
+PICTURES, TEXT = "rgb_array", "ansi"
+SILENT: tuple[Any, ...] = object.__str__, gym.Env.__str__  # which say nothing of a state
 EnvironmentFunction = Callable[[], gym.Env[Any, Any]]
 
 
-def with_pictures(make: EnvironmentFunction) -> EnvironmentFunction:
-    """Return a function that makes the same environments, with pictures where they have any."""
+def own_text(environment: gym.Env[Any, Any]) -> str | None:
+    """Return an environment's own text of its state; None if it has none, or in colours alone."""
+    bare, shown = layers_of(environment)[-1], None
+    if getattr(environment, "render_mode", None) == TEXT:
+        shown = environment.render()
+    elif type(bare).__str__ not in SILENT:
+        shown = str(bare)
+    return shown.strip("\n") if isinstance(shown, str) and "\x1b" not in shown else None
+
+
+def with_pictures(make: EnvironmentFunction, mode: str = PICTURES) -> EnvironmentFunction:
+    """Return a function that makes the same environments in a mode, where they take any."""
     maker = make if isinstance(make, EnvironmentMaker) else EnvironmentMaker(make, {})
     if isinstance(maker.recipe, EnvironmentMaker):
-        return replace(maker, recipe=with_pictures(maker.recipe))
+        return replace(maker, recipe=with_pictures(maker.recipe, mode))
     if callable(maker.recipe) and "render_mode" not in signature(maker.recipe).parameters:
         return make
-    return replace(maker, arguments={**maker.arguments, "render_mode": PICTURES})
+    return replace(maker, arguments={**maker.arguments, "render_mode": mode})
 
 
 @dataclass(frozen=True)

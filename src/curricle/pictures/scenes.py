@@ -215,6 +215,7 @@ def _paste(image: Pixels, corner: tuple[int, int], figure: Figure, side: int) ->
 
 # -- scenes: pictures, (height, width, 3) uint8 of one size, and text of all moments of a task -----
 
+LARGEST_BOARD = 20  # rows or columns of an observation that is drawn as a board, at most
 MOST_CELLS = 40_000  # cells of a grid that is drawn, at most, but for mazes
 WIDTH, LINE, LETTER = 480, 28, 9  # pixels: a picture of text, its line's height, a letter
 MOST_LINES, LONGEST_LINE = 14, 48
@@ -283,7 +284,10 @@ class LabelScene:
     states: Space
 
     def image(self, state: int) -> Pixels:
-        """Return a card with a line for each component."""
+        """Return the class's own picture, or a card with a line for each component."""
+        own: Pixels | None = self.states.drawn and self.states.drawn(state, "rgb_array")
+        if own is not None:
+            return own
         first, *further = self.states.components
         lines = list[str]()  # none of the one component of plain numbered states
         if further or not self.states.is_box or first.low != 0 or first.labels is not None:
@@ -302,8 +306,9 @@ class LabelScene:
         return np.array(image)
 
     def text(self, state: int) -> str:
-        """Return the state's label."""
-        return self.states.label(state)
+        """Return the class's own text, or the state's label."""
+        own: str | None = self.states.drawn and self.states.drawn(state, "ansi")
+        return own or self.states.label(state)
 
 
 Scene = GridScene[int] | LabelScene
@@ -332,6 +337,20 @@ def scene_of(task: Task) -> Scene:
 LARGEST_DRAWN = 1_000_000  # states of a task with tables that are made for its picture
 
 
+def board(observation: object, mode: str) -> str | Pixels | None:
+    """Return a board by a mode of ``render``: text, or tiles of all but 0; None if it is none."""
+    entries = np.asarray(observation)
+    if entries.ndim != 2 or entries.dtype.kind not in "iu" or max(entries.shape) > LARGEST_BOARD:
+        return None
+    texts = np.where(entries == 0, ".", entries.astype(str))
+    if mode == "ansi":
+        wide = max(map(len, texts.flat))
+        return "\n".join(" ".join(text.rjust(wide) for text in row) for row in texts.tolist())
+    cells = [(row, column) for row, column in np.argwhere(entries).tolist()]
+    tiles = [tile(texts[cell], COATS[int(entries[cell]) % len(COATS)]) for cell in cells]
+    return Canvas(np.full(entries.shape, ".")).with_figures(cells, tiles)
+
+
 def in_a_notebook(task: Task) -> str | None:
     """Return the picture of a task where an episode may start, as HTML; None without a grid."""
     scene = scene_of(task)
@@ -344,16 +363,21 @@ def in_a_notebook(task: Task) -> str | None:
         state = int(rng.choice(np.flatnonzero(tables(task).start)))
     else:
         state = int(rng.integers(generative.states.size))
-    content, image = io.BytesIO(), Image.fromarray(scene.image(state))
-    image.save(content, "PNG")
+    image = Image.fromarray(scene.image(state))
     sizes = f"{generative.states.size:,} states, {counted(generative.actions.size, 'action')}"
     drawn = (
         "<div>{}: {}</div>"
         '<img alt="{}" style="max-width:100%;width:{}px" src="data:image/png;base64,{}">'
     )
-    code, width = b64encode(content.getvalue()).decode(), min(image.width, SHOWN)
-    alt = scene.text(state)
+    code, width, alt = png_code(image), min(image.width, SHOWN), scene.text(state)
     return str(Markup(drawn).format(type(task).__name__, sizes, alt, width, code))
+
+
+def png_code(image: Image.Image) -> str:
+    """Return a picture as a PNG in base64."""
+    content = io.BytesIO()
+    image.save(content, "PNG", optimize=True)
+    return b64encode(content.getvalue()).decode()
 
 
 def scene_of_view(view: GridView) -> GridScene[IntArray]:

@@ -35,6 +35,7 @@ MOST_MOMENTS = 48  # moments of one training at most
 MOST_CELLS = 16_000  # of all replays, each printed at three moments: under four megabytes
 MOST_CELL_MOMENTS = 400_000  # cells times moments of all replays together: a megabyte and a half
 LEVELS = 2**16  # levels between the lowest and the highest value to which values are rounded
+IN_SCRIPT = "places", "returns", "words", "drawings", "drawn"  # of an episode
 LONGEST_WORD = 9  # letters of an action's name up to which it is written into a cell
 APART = 0.2  # distance of markers from the middle of a cell, where there are several
 # Shapes around the middle of a cell one wide: a move north drawn alone, one of several, a stay.
@@ -143,6 +144,8 @@ def shown_episode(record: EpisodeRecord, columns: int) -> dict[str, Any]:
         "words": f"{how} after {counted(n - 1, 'step')}, return {last}",
         # Of each marker the points of its path, and where it starts as a CSS translation.
         "trails": [" ".join(f"{x:g},{y:g}" for x, y in points[:, m]) for m in range(markers)],
+        "drawings": record.drawings,
+        "drawn": record.drawn.tolist(),
         "starts": [f"{x:g}px, {y:g}px" for x, y in points[0]],
         "places": points.reshape(n, -1).tolist(),
         "returns": [rounded(value) for value in record.returns],
@@ -213,7 +216,7 @@ class Replay:
             "levels": base64.b64encode(self.levels.astype("<u2").tobytes()).decode(),
             "choices": ["".join(chr(48 + number) for number in row) for row in self.choices],
             "episodes": {
-                name: {key: episode[key] for key in ("places", "returns", "words")}
+                name: {key: episode[key] for key in IN_SCRIPT}
                 for name, episode in self.episodes.items()
             },
         }
@@ -271,7 +274,8 @@ def _replay(
     episodes, (rows, columns) = {} if pair is None else dict(pair), view.shape
     # None where the view does not hold them.
     inside = [
-        episode.cells.shape[1] == len(view.markers) and episode.cells.max() < rows * columns
+        episode.cells.shape[1] in (0, len(view.markers))
+        and episode.cells.max(initial=0) < rows * columns
         for episode in episodes.values()
     ]
     return Replay(

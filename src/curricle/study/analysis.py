@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+from PIL import Image
 
 from curricle.arrays import frozen
 from curricle.certificate.certification import certify
@@ -19,7 +20,7 @@ from curricle.files import short_digest
 from curricle.learning.record import Snapshots
 from curricle.learning.tabular_policy import TabularPolicy
 from curricle.pictures.episode import OF_TASKS, Drawn, Episode
-from curricle.pictures.scenes import scene_of_view
+from curricle.pictures.scenes import png_code, scene_of_view
 from curricle.pictures.views import GridView
 from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
@@ -28,6 +29,7 @@ from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.record import (
     LONGEST_EPISODE,
+    MOST_DRAWINGS,
     OF_CONFIGURATION,
     Analysis,
     ArmRecord,
@@ -226,17 +228,44 @@ def before_and_after(
         values = Values(frozen(snapshots.values[place].astype(np.float64)))
         path = greedy_rollout(task, values, seed=0, steps=steps)
         cells = np.stack([marker.cells[path.states] for marker in view.markers], axis=1)
+        drawings, drawn = _drawings(task, path.states.tolist())
         if (cells < 0).any():
-            return None
+            if not drawings:
+                return None
+            cells = cells[:, :0]
         paid = path.rewards * discount ** np.arange(len(path))
         record = EpisodeRecord(
             cells=cells,
             returns=np.concatenate([[0.0], paid.cumsum()]),
             rewards=path.rewards,
             terminated=path.terminated,
+            drawings=drawings,
+            drawn=np.array(drawn, dtype=np.int64),
         )
         episodes.append(record)
     return EpisodePair(before=episodes[0], after=episodes[1])
+
+
+LONGEST_TEXT, LARGEST_PICTURE, SMALL = 2_000, 12_000, 240
+"""Characters of a drawing: its text, its picture's code; pixels of the longer side."""
+
+
+def _drawings(task: Task, states: list[int]) -> tuple[tuple[tuple[str, str], ...], list[int]]:
+    """Return what a task's class shows of an episode's first states, and which of it when."""
+    show, drawings = generative_model(task).states.drawn, dict[int, tuple[str, str]]()
+    if show is None:
+        return (), []
+    for state in [*dict.fromkeys(states)][:MOST_DRAWINGS]:
+        text, code = show(state, "ansi") or "", ""
+        if (pixels := show(state, "rgb_array")) is not None:
+            picture = Image.fromarray(pixels)
+            picture.thumbnail((SMALL, SMALL))
+            code = png_code(picture.quantize(32))
+        drawings[state] = text[:LONGEST_TEXT], code if len(code) <= LARGEST_PICTURE else ""
+    if not any(map(any, drawings.values())):
+        drawings, states = {}, []
+    numbers = {state: number for number, state in enumerate(drawings)}
+    return tuple(drawings.values()), [numbers.get(state, -1) for state in states]
 
 
 def _section(arms: tuple[str, ...], results: Mapping[str, CurriculumResult]) -> SectionRecord:
@@ -304,16 +333,20 @@ def stored_episode(
             f"{IN_THE_TASK}"
         )
     view, record, cells = about.view.view, pair.after, pair.after.cells
-    if cells.shape[1] != len(view.markers) or cells.max() >= np.prod(view.shape):
+    fits = cells.shape[1] == len(view.markers) and cells.max() < np.prod(view.shape)
+    if not fits and (cells.size or not record.drawings):
         raise StoreError(f"{results.store.path} stores an episode of {task!r} that leaves its grid")
     scene, moments = scene_of_view(view), np.arange(len(cells))
+    texts = [record.drawings[number][0] if number >= 0 else "" for number in record.drawn]
     return first, Episode(
-        frames=Drawn(lambda moment: scene.image(cells[moment]), moments),
+        frames=Drawn(lambda moment: scene.image(cells[moment]), moments) if fits else (),
         actions=np.zeros(0, np.int64),
         rewards=record.rewards,
         terminated=record.terminated,
         fps=OF_TASKS,
-        texts=Drawn(lambda moment: scene.text(cells[moment]), moments),
+        texts=texts
+        if any(texts) or not fits
+        else Drawn(lambda moment: scene.text(cells[moment]), moments),
     )
 
 

@@ -56,6 +56,7 @@ class Plain(BaseModel):
 # -- The record of a study in its folder, from which its results can be read -----------------------
 
 LONGEST_EPISODE = 200  # first steps of an episode that are kept
+MOST_DRAWINGS = 40  # different states of an episode that are kept as their class shows them
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -361,6 +362,10 @@ class EpisodeRecord(Plain):
     returns: Floats  # (n + 1,): the return so far, with the discount of evaluations
     terminated: bool
     rewards: Floats  # (n,), as the task gave them
+    drawings: tuple[tuple[str, str], ...] = Field((), max_length=MOST_DRAWINGS)
+    """What the class shows of states: text, and a PNG in base64; each is "" where it has none."""
+    drawn: Ints = Field(default_factory=lambda: np.empty(0, np.int64))
+    """(n + 1,): the drawing of each moment, -1 for none; empty if there are no drawings."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -371,6 +376,8 @@ class EpisodeRecord(Plain):
             raise ValueError(f"cells and returns must be of at most {LONGEST_EPISODE} steps")
         if not _below(self.cells, MOST_CELLS):
             raise ValueError(f"cells must be below {MOST_CELLS}")
+        if self.drawn.size not in (0, n) or not _below(self.drawn + 1, len(self.drawings) + 1):
+            raise ValueError("drawn must be -1, or the number of a drawing, for each moment")
         return self
 
 

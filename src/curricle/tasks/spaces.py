@@ -1,7 +1,7 @@
 """Finite spaces whose points have numbers, for compiled loops, and components, for mappings."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Real
@@ -19,6 +19,7 @@ from curricle.text import counted
 Decoded = dict[str, IntArray]
 """Component name -> integer values, one per point, as :meth:`Space.decode` returns them."""
 
+LONGEST_OWN = 80  # characters of a state's own text in a message
 MISSING = -1  # the number in :meth:`Space.encode` of values that are no point of the space
 
 
@@ -128,6 +129,9 @@ class Space(Frozen):
     points : (S, C) int array, optional
         The points that exist, in the order of their numbers, values within the components' ranges;
         by default the whole box, numbered in C order (last component fastest).
+    drawn : callable, optional
+        ``drawn(point, mode)`` is what the class that points come from itself shows of one, by the
+        modes of Gymnasium's ``render``: text or pixels, None for neither. Pickles leave it out.
 
     Examples
     --------
@@ -140,6 +144,10 @@ class Space(Frozen):
 
     components: Sequence[Component]
     points: Any = None
+    drawn: Callable[[int, str], Any] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "drawn": None}
 
     def __post_init__(self) -> None:
         axes = self.components
@@ -314,11 +322,14 @@ def _records(rows: object) -> npt.NDArray[np.void]:
 
 
 def state_name(space: Space, state: int) -> str:
-    """Return a state's number and its components in words."""
-    parts = parts_of(space, state)
-    if len(parts) == 1 and parts[0][1] == str(state):
-        return f"state {state}"
-    return f"state {state} ({', '.join(f'{name} {label}' for name, label in parts)})"
+    """Return a state's number, its components in words, and its own text if that is one line."""
+    parts = [f"{name} {label}" for name, label in parts_of(space, state)]
+    if len(parts) == 1 and parts[0].endswith(f" {state}"):
+        parts = []
+    shown = space.drawn(state, "ansi") if space.drawn else None
+    if shown and len(shown) <= LONGEST_OWN and "\n" not in shown:
+        parts.append(f"shown as {shown}")
+    return f"state {state} ({', '.join(parts)})" if parts else f"state {state}"
 
 
 def action_name(space: Space, action: int) -> str:

@@ -15,6 +15,8 @@ from curricle.planning.solution import greedy_policy
 from curricle.show import replay as replay_module
 from curricle.show.replay import LEVELS, greedy_choices, grid_drawing, mark_of, replays
 from curricle.study.analysis import before_and_after
+from curricle.study.record import ViewRecord
+from curricle.tasks.grid import cell_space
 from tests.support.tasks import ring
 
 from .studies import chain, shown
@@ -130,3 +132,16 @@ def test_tasks_without_tables_and_states_off_the_strip_have_no_episodes(pursuit,
     monkeypatch.setattr("curricle.study.analysis.LARGEST_TABLE", 10)
     shot = pursuit.results["min"]["hunt"].snapshots
     assert before_and_after(shot, hunt, 0.9) is None
+
+
+def test_thin_walls_are_drawn_between_cells():
+    wall = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, s, -1.0)]] * 2 for s in range(2)],
+        **{"start": 0, "terminal": [False] * 2, "discount": 0.9, "states": cell_space(1, 2)},
+        actions=cr.Space([cr.Component("move", 2, labels=("east", "west"))]),
+    )
+    assert grid_drawing(GridView.for_replay(wall))["bars"] == "M1 0v1"
+    record = ViewRecord.of(GridView.for_replay(wall))
+    assert grid_drawing(record.view)["bars"] == "M1 0v1"
+    with pytest.raises(ValueError, match="bars must lie within"):
+        ViewRecord(**{**dict(record), "bars": np.array([4])})

@@ -75,6 +75,15 @@ document.addEventListener("DOMContentLoaded", () => {
         const way = episode.places.slice(0, t + 1).map((place) => place.slice(2 * k, 2 * k + 2));
         trail.setAttribute("points", way.join(" "));
       });
+      const [text, code] = episode.drawings[episode.drawn[t]] || ["", ""];
+      const picture = holder.querySelector("img.own"), words = holder.querySelector("pre.own");
+      if (picture) {
+        picture.hidden = !code;
+        picture.alt = text || "As the environment draws it";
+        if (code) picture.src = `data:image/png;base64,${code}`;
+        words.hidden = Boolean(code);
+        words.textContent = text;
+      }
       holder.querySelector(".outcome").textContent =
         t === last ? episode.words : `step ${t}, return so far ${episode.returns[t]}`;
     }
