@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from functools import lru_cache
+from typing import Any, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -208,6 +209,7 @@ def analysed(
             discount = result.curriculum.setting("evaluation", name).discount(node.task)
             if pair := before_and_after(node.snapshots, node.task, discount):
                 episodes.setdefault(arm, {})[name] = pair
+    _drawing.cache_clear()
     return Analysis(of=of, sections=sections, episodes=episodes)
 
 
@@ -246,26 +248,28 @@ def before_and_after(
     return EpisodePair(before=episodes[0], after=episodes[1])
 
 
-LONGEST_TEXT, LARGEST_PICTURE, SMALL = 2_000, 12_000, 240
+LONGEST_TEXT, LARGEST_PICTURE, SMALL = 2_000, 6_000, 240
 """Characters of a drawing: its text, its picture's code; pixels of the longer side."""
+
+
+@lru_cache(maxsize=1000)  # arms play in the same tasks, and a picture may take a tenth of a second
+def _drawing(show: Callable[[int, str], Any], state: int) -> tuple[str, str]:
+    text, code = show(state, "ansi") or "", ""
+    if (pixels := show(state, "rgb_array")) is not None:
+        picture = Image.fromarray(pixels)
+        picture.thumbnail((SMALL, SMALL))
+        code = png_code(picture.quantize(32))
+    return text[:LONGEST_TEXT], code if len(code) <= LARGEST_PICTURE else ""
 
 
 def _drawings(task: Task, states: list[int]) -> tuple[tuple[tuple[str, str], ...], list[int]]:
     """Return what a task's class shows of an episode's first states, and which of it when."""
-    show, drawings = generative_model(task).states.drawn, dict[int, tuple[str, str]]()
-    if show is None:
+    show, first = generative_model(task).states.drawn, [*dict.fromkeys(states)][:MOST_DRAWINGS]
+    drawings = () if show is None else tuple(_drawing(show, state) for state in first)
+    if not any(map(any, drawings)):
         return (), []
-    for state in [*dict.fromkeys(states)][:MOST_DRAWINGS]:
-        text, code = show(state, "ansi") or "", ""
-        if (pixels := show(state, "rgb_array")) is not None:
-            picture = Image.fromarray(pixels)
-            picture.thumbnail((SMALL, SMALL))
-            code = png_code(picture.quantize(32))
-        drawings[state] = text[:LONGEST_TEXT], code if len(code) <= LARGEST_PICTURE else ""
-    if not any(map(any, drawings.values())):
-        drawings, states = {}, []
-    numbers = {state: number for number, state in enumerate(drawings)}
-    return tuple(drawings.values()), [numbers.get(state, -1) for state in states]
+    numbers = {state: number for number, state in enumerate(first)}
+    return drawings, [numbers.get(state, -1) for state in states]
 
 
 def _section(arms: tuple[str, ...], results: Mapping[str, CurriculumResult]) -> SectionRecord:
