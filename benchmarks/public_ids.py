@@ -1,132 +1,200 @@
-"""What becomes of public environments: live tasks, tables, or a refusal whose way out is followed.
+"""What becomes of public environments in the four commands that a newcomer uses.
 
-pip install minigrid gym-classics gym-simplegrid edugrid box2d
-pip install git+https://github.com/sparisi/gym_gridworlds
-python -m benchmarks.public_ids [ID ...] > docs/public_environments.md
+python -m benchmarks.public_ids --trees TREES --outcomes OUTCOMES > docs/public_environments.md
+
+For each entry of `public_classes.toml` that OUTCOMES lacks, it runs `curricle new`, `check`, `run`
+and `show` in a fresh folder. All four have 5 minutes together, and each may hold 4 GB. It appends a
+line to OUTCOMES as an entry ends, so that a killed run goes on, and prints the page of all lines.
+Repositories are cloned into TREES unless they are there, as OWNER+NAME. Read their code first: it
+is run. `--limit N` walks N more entries, 0 only prints the page; names choose entries.
 """
 
-import importlib
+import argparse
+import json
+import os
 import re
+import resource
+import signal
+import subprocess
 import sys
 import time
+import tomllib
 from collections import Counter
-from contextlib import suppress
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
-from gymnasium.envs.registration import registry
-from gymnasium.wrappers import Autoreset, DiscretizeAction
-
-import curricle as cr
-from curricle.interop import Bins, DeepCopy
-from curricle.interop.gymnasium import observation_task
-
-PACKAGES = "minigrid", "gym_classics", "gym_gridworlds", "gym_simplegrid", "edugrid"
-WANTED = r"^gymnasium.envs.(toy|classic|box2d)|^minigrid(?!.*(babyai|wfc))|^gym_|^edugrid"
-SECONDS, STEPS, SHORT = 20, 200, 100  # of a table; of learning; limit where there is none
-WHY = {
-    "must be deterministic": "steps are random",
-    "max_seconds": "its states are not found in time",
-    "cannot be read|cannot be copied": "a part cannot be copied",
-    "observations must be discrete": "observations are no whole numbers",
-    "actions must be discrete": "actions are no whole numbers",
-    "required positional argument": "an argument is missing",
+LIST = Path(__file__).with_name("public_classes.toml")
+SECONDS, MEMORY = 300, 4 * 2**30  # of the four commands together; of each process, in bytes
+QUIET = {"SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy", "MPLBACKEND": "Agg"}  # no windows
+VERDICTS = "pays", "costs", "no difference"  # the first words of each
+MEANING = dict(zip(VERDICTS, ["a verdict on a source"] * 3, strict=True)) | {
+    "honest end": "no easier relative was found; the best learner without one is named",
+    "refusal": "refused in a sentence that states a way out",
+    "guess": "a verdict on a source whose mapping is not scored",
+    "void": "nobody learnt, a refusal without a way out, or one of the study that `new` wrote",
+    "too slow": f"a command did not end within the {SECONDS // 60} minutes",
+    "crash": "a traceback, or the process died",
 }
+USEFUL = 5  # the outcomes above that help
+WAY_OUT = r"\b(let|give|set|use|name|choose|install|return|pass|wrap|write)\b"
+UNTOLD = "^(Wrote|Stored|mean return of other|steps to the threshold saved)"  # not on the page
 PAGE = """# Which public environments work?
 
-{} environments, each as `from_gymnasium(id)`, which is learnt for 200 steps, and as
-`tabulate(id, max_seconds=20)`. Where neither takes it, or a count of steps is in the way, the way
-out that the refusal names was followed; the last column has the result. Of MiniGrid it is one of
-each class. `python -m benchmarks.public_ids` makes this page.
+{count} environments that other people wrote, each walked through `curricle new`, `check`, `run` and
+`show` as a newcomer would, on {processors} processors, with {minutes} minutes and 4 GB: {classes}
+classes of public repositories, listed before any was run, and {ids} ids of Gymnasium and MiniGrid.
+{left}`python -m benchmarks.public_ids` makes this page of `benchmarks/public_classes.toml`.
 
-| ids | `from_gymnasium` | `tabulate` | states | way out |
-|---|---|---|---|---|"""
-
-
-def binned(make: Any) -> Bins:
-    """Return four bins for each number that random play shows."""
-    env = Autoreset(make())
-    env.reset(seed=0)
-    seen = [env.step(env.action_space.sample())[0] for _ in range(STEPS)]
-    ends = zip(np.min(seen, axis=0) - 1e-3, np.max(seen, axis=0) + 1e-3, strict=True)
-    return Bins({f"number_{i}": np.linspace(*pair, 5) for i, pair in enumerate(ends)})
+| outcome | entries | it means |
+|---|---|---|"""
 
 
-def played(environment: Any, **options: Any) -> tuple[str, int]:
-    """Return what `from_gymnasium` makes of an environment, which is learnt, and its size."""
-    task = cr.from_gymnasium(environment, discount=0.99, **options)
-    if task.time_limit is None:
-        task = cr.from_gymnasium(environment, discount=0.99, time_limit=SHORT, **options)
-    cr.learn(task, budget=STEPS)
-    return "its own table" if isinstance(task, cr.FiniteMDP) else "live", task.states.size
+def limited() -> None:
+    """Bound the memory of the process that is about to start."""
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
 
 
-def tabulated(name: str, **options: Any) -> tuple[str, int]:
-    """Return in how much time of a processor the states are found, and their number."""
-    began = time.process_time()
-    task = cr.tabulate(name, discount=0.99, max_seconds=SECONDS, **options)
-    return f"under {1 if time.process_time() - began < 1 else 10} s", task.states.size
+def command(folder: Path, ends: float, *words: str) -> tuple[int | None, str, str, float]:
+    """Return exit code, output, errors and minutes of a command; no exit code where it was late."""
+    began = time.monotonic()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "curricle", *words], cwd=folder, env=os.environ | QUIET, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, preexec_fn=limited,
+    )  # fmt: skip
+    try:
+        output, errors = process.communicate(timeout=max(0.1, ends - began))
+        code: int | None = process.returncode
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        output, errors = process.communicate()
+        code = None
+    return code, output, errors, round((time.monotonic() - began) / 60, 2)
 
 
-def followed(name: str, said: str) -> str:
-    """Return the way out of refusals that works, followed as they say it."""
-    if ignored := re.search(r"DeepCopy\(ignore=\[(.*?)\]\)", said):
-        names = re.findall(r"'(.*?)'", ignored[1])
-        seconds, states = tabulated(name, state=DeepCopy(ignore=names))
-        return f"`ignore={names}`: {states} states, {seconds}"
-    if "required positional argument" in said:  # SimpleGrid's
-        return f"`obstacle_map=[...]`: {played(name, obstacle_map=['000', '010', '000'])[0]}"
-    actions = "`DiscretizeAction`, " * ("DiscretizeAction" in said)
-    make = lambda: DiscretizeAction(gym.make(name), 3) if actions else gym.make(name)  # noqa: E731
-    if len(make().observation_space.shape or ()) == 1:
-        return f"{actions}`encode=Bins(...)`: {played(make, encode=binned(make))[0]}"
-    with suppress(cr.CurricleError):
-        if "samples=" in said:
-            return f"`samples=8`: {tabulated(name, samples=8)[0]}"
-    observation_task(name).environment().reset(seed=0)
-    return "`observation_task`: for a network"
+def tree_of(entry: dict[str, Any], trees: Path) -> Path:
+    """Return the folder of an entry's repository, which is cloned where it is not there."""
+    tree = trees / entry["repository"].replace("/", "+")
+    if not tree.is_dir():
+        url = f"https://github.com/{entry['repository']}"
+        subprocess.run(["git", "clone", "-q", url, tree], check=True)
+        subprocess.run(["git", "-C", tree, "checkout", "-q", entry["commit"]], check=True)
+    return tree
 
 
-def row_of(name: str) -> tuple[tuple[str, ...], int]:
-    """Return what an id is played as, tabulated as and helped by; and its number of states."""
-    cells, said, size, way_out = list[str](), "", 0, ""
-    for way in (played, tabulated):
-        try:
-            cell, size = way(name)
-        except cr.CurricleError as error:
-            reasons = (reason for part, reason in WHY.items() if re.search(part, str(error)))
-            cell, said = f"refused: {next(reasons, str(error))}", f"{said} {error}"
-        cells.append(cell)
-    if "ignore=" in said or all(cell.startswith("refused") for cell in cells):
-        way_out = followed(name, said)
-    return (*cells, way_out), size
+def subject(entry: dict[str, Any], trees: Path, folder: Path) -> str:
+    """Return what `curricle new` is called with, after the entry's files were put into a folder."""
+    if "id" in entry:
+        return str(entry["id"])
+    tree, path = tree_of(entry, trees), Path(entry["path"])
+    root = tree / entry.get("root", path.parent)
+    for item in root.iterdir():
+        (folder / item.name).symlink_to(item.resolve())
+    module = ".".join((tree / path).relative_to(root).with_suffix("").parts)
+    if "arguments" not in entry:
+        return f"{module}:{entry['class']}"
+    arguments = ", ".join(f"{name}={value!r}" for name, value in entry["arguments"].items())
+    passed = ", ".join(f"{name}={name}" for name in entry["arguments"])
+    (folder / "made.py").write_text(
+        f"from {module} import {entry['class']}\n\n\n"
+        f"def made({arguments}):\n    return {entry['class']}({passed})\n"
+    )
+    return "made:made"
 
 
-def page_of(results: dict[str, tuple[tuple[str, ...], int]]) -> str:
-    """Return the page, on which ids of equal results share a row."""
-    lines = [PAGE.format(len(results))]
-    for cells, count in Counter(cells for cells, _ in results.values()).most_common():
-        alike = {name: size for name, (of_name, size) in results.items() if of_name == cells}
-        ends = dict.fromkeys(
-            f"{end(alike.values()):,}" for end in (min, max) if any(alike.values())
-        )
-        row = [
-            f"{count}: {', '.join(f'`{name}`' for name in alike)}",
-            *cells[:2],
-            " to ".join(ends),
-        ]
-        lines.append(f"| {' | '.join([*row, *cells[2:]])} |")
+def judged(shown: dict[str, Any], notes: str) -> tuple[str, list[str]]:
+    """Return the outcome of a study that ended, and the sentences that say so."""
+    comparison = shown["comparison"] or {"arms": [], "sentences": []}
+    arms, sentences = comparison["arms"], comparison["sentences"]
+    verdicts = [arm["verdict"] for arm in arms if arm["source_steps"]]
+    sentences = [f"{arm['arm']}: {arm['verdict']}" for arm in arms if arm["verdict"]] + sentences
+    if any("no arm is above random play" in sentence for sentence in sentences) or not arms:
+        return "void", sentences
+    if not verdicts:
+        named = any("the best learner without one is" in sentence for sentence in sentences)
+        return "honest end" if named and "nothing to learn" not in notes else "void", sentences
+    found = [name for name in VERDICTS if any(text.startswith(name) for text in verdicts)]
+    return "guess" if "a guess: components" in notes else [*found, "void"][0], sentences
+
+
+def walked(entry: dict[str, Any], trees: Path) -> dict[str, Any]:
+    """Return what becomes of an entry: its outcome, the sentences, and each command's minutes."""
+    minutes, said, ends = dict[str, float](), list[str](), time.monotonic() + SECONDS
+    with TemporaryDirectory() as name:
+        words = {"new": [subject(entry, trees, Path(name))]}
+        for step in "new", "check", "run", "show":
+            code, output, errors, minutes[step] = command(Path(name), ends, step, *words[step])
+            if code != 0:
+                reason = errors.strip().rpartition("\n")[2]
+                refused = code in (1, 3) and "Traceback" not in errors
+                helps = step == "new" and re.search(WAY_OUT, reason)  # else `new` wrote the fault
+                outcome = "refusal" if helps else "void"
+                outcome = outcome if refused else "too slow" if code is None else "crash"
+                said.append(f"curricle {step}: {reason}")
+                break
+            if step == "new":
+                file = re.findall(r"Wrote (\S+\.toml)", output)[-1]
+                results = f"{file.removesuffix('.toml')}-results"
+                words |= {"check": [file], "run": [file], "show": [results, "--json"]}
+                said += output.splitlines()
+                notes = output + (Path(name) / file).read_text()
+            if step == "show":
+                outcome, sentences = judged(json.loads(output), notes)
+                said += sentences
+    kept = [line for line in said if line.strip() and not re.search(UNTOLD, line)]
+    load = round(os.getloadavg()[1] / (os.cpu_count() or 1), 1)
+    return {"outcome": outcome, "minutes": minutes, "load": load, "sentences": kept}
+
+
+def key_of(entry: dict[str, Any]) -> str:
+    """Return the name of an entry."""
+    return str(entry.get("id") or f"{entry['repository']}:{entry['class']}")
+
+
+def page_of(entries: list[dict[str, Any]], results: dict[str, dict[str, Any]]) -> str:
+    """Return the page: how often each outcome came out, then each entry by kind."""
+    ran = [entry for entry in entries if key_of(entry) in results]
+    counts = Counter(results[key_of(entry)]["outcome"] for entry in ran)
+    left = len(entries) - len(ran)
+    head = PAGE.format(
+        count=len(ran), processors=os.cpu_count(), minutes=SECONDS // 60,
+        classes=sum("class" in entry for entry in ran), ids=sum("id" in entry for entry in ran),
+        left=f"{left} others of the list have not been run. " * bool(left),
+    )  # fmt: skip
+    lines = [head, *(f"| {name} | {counts[name]} | {MEANING[name]} |" for name in MEANING)]
+    useful = sum(counts[name] for name in [*MEANING][:USEFUL])
+    lines.append(f"\nThe first five, {useful} of {len(ran)}, are of use.")
+    for kind in dict.fromkeys(entry["kind"] for entry in ran):
+        of_kind = [key_of(entry) for entry in ran if entry["kind"] == kind]
+        spent = {name: sum(results[name]["minutes"].values()) for name in of_kind}
+        lines.append(f"\n## {kind[0].upper()}{kind[1:]}\n")
+        lines.append(f"Half of them took at most {median(spent.values()):.1f} minutes.\n")
+        lines.append("| environment | outcome | minutes | what is said |\n|---|---|---|---|")
+        for name in of_kind:
+            said = "; ".join(results[name]["sentences"]).replace("|", "\\|").replace("<", "&lt;")
+            said = said if len(said) <= 400 else f"{said[:250]} … {said[-140:]}"
+            lines.append(f"| `{name}` | {results[name]['outcome']} | {spent[name]:.1f} | {said} |")
     return "\n".join(lines)
 
 
 if __name__ == "__main__":
-    gym.logger.min_level = 50
-    for package in PACKAGES:
-        importlib.import_module(package)
-    importlib.import_module("gym_classics").register("gymnasium")
-    entries = {name: str(spec.entry_point) for name, spec in registry.items()}
-    first = {at: name for name, at in reversed(entries.items())}  # of MiniGrid one of each class
-    wanted = {n: at for n, at in entries.items() if re.search(WANTED, at)}
-    ids = [n for n, at in wanted.items() if at[:8] != "minigrid" or n == first[at]]
-    print(page_of({name: row_of(name) for name in sys.argv[1:] or ids}))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--trees", type=Path, default=Path("public-trees"))
+    parser.add_argument("--outcomes", type=Path, default=Path("public-outcomes.jsonl"))
+    parser.add_argument("--limit", type=int, default=sys.maxsize)
+    options = parser.parse_args()
+    entries = tomllib.loads(LIST.read_text())["entry"]
+    options.outcomes.touch()
+    lines = map(json.loads, options.outcomes.read_text().splitlines())
+    results = {line["entry"]: line for line in lines}
+    missing = [entry for entry in entries if key_of(entry) not in results]
+    wanted = [entry for entry in missing if not options.names or key_of(entry) in options.names]
+    for entry in wanted[: options.limit]:
+        result = {"kind": entry["kind"], "entry": key_of(entry), **walked(entry, options.trees)}
+        results[key_of(entry)] = result
+        with options.outcomes.open("a") as file:
+            print(json.dumps(result), file=file)
+        print(f"{key_of(entry)}: {result['outcome']}", file=sys.stderr)
+    print(page_of(entries, results))
