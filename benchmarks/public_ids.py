@@ -20,13 +20,15 @@ import sys
 import time
 import tomllib
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
 LIST = Path(__file__).with_name("public_classes.toml")
-SECONDS, MEMORY = 300, 4 * 2**30  # of the four commands together; of each process, in bytes
+PROCESSORS, MEMORY = os.cpu_count() or 1, 4 * 2**30  # memory of each process, in bytes
+SECONDS = 300  # of the four commands together
 QUIET = {"SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy", "MPLBACKEND": "Agg"}  # no windows
 VERDICTS = "pays", "costs", "no difference"  # the first words of each
 MEANING = dict(zip(VERDICTS, ["a verdict on a source"] * 3, strict=True)) | {
@@ -34,10 +36,9 @@ MEANING = dict(zip(VERDICTS, ["a verdict on a source"] * 3, strict=True)) | {
     "refusal": "refused in a sentence that states a way out",
     "guess": "a verdict on a source whose mapping is not scored",
     "void": "nobody learnt, a refusal without a way out, or one of the study that `new` wrote",
-    "too slow": f"a command did not end within the {SECONDS // 60} minutes",
+    "too slow": f"more than {SECONDS // 60} minutes, in fact or by the cost that `check` says",
     "crash": "a traceback, or the process died",
 }
-USEFUL = 5  # the outcomes above that help
 WAY_OUT = r"\b(let|give|set|use|name|choose|install|return|pass|wrap|write)\b"
 UNTOLD = "^(Wrote|Stored|mean return of other|steps to the threshold saved)"  # not on the page
 PAGE = """# Which public environments work?
@@ -51,14 +52,10 @@ classes of public repositories, listed before any was run, and {ids} ids of Gymn
 |---|---|---|"""
 
 
-def limited() -> None:
-    """Bound the memory of the process that is about to start."""
-    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-
-
 def command(folder: Path, ends: float, *words: str) -> tuple[int | None, str, str, float]:
     """Return exit code, output, errors and minutes of a command; no exit code where it was late."""
     began = time.monotonic()
+    limited = partial(resource.setrlimit, resource.RLIMIT_DATA, (MEMORY, MEMORY))
     process = subprocess.Popen(
         [sys.executable, "-m", "curricle", *words], cwd=folder, env=os.environ | QUIET, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, preexec_fn=limited,
@@ -136,34 +133,38 @@ def walked(entry: dict[str, Any], trees: Path) -> dict[str, Any]:
             if step == "new":
                 file = re.findall(r"Wrote (\S+\.toml)", output)[-1]
                 results = f"{file.removesuffix('.toml')}-results"
-                words |= {"check": [file], "run": [file], "show": [results, "--json"]}
+                words |= {"check": [file, "--json"], "run": [file], "show": [results, "--json"]}
                 said += output.splitlines()
                 notes = output + (Path(name) / file).read_text()
+            cost = step == "check" and json.loads(output)["seconds"]
+            if cost and cost > PROCESSORS * (ends - time.monotonic()):
+                outcome = "too slow"
+                said.append(f"curricle check: about {cost / 60:.0f} minutes on one processor")
+                break
             if step == "show":
                 outcome, sentences = judged(json.loads(output), notes)
                 said += sentences
     kept = [line for line in said if line.strip() and not re.search(UNTOLD, line)]
-    load = round(os.getloadavg()[1] / (os.cpu_count() or 1), 1)
+    load = round(os.getloadavg()[1] / PROCESSORS, 1)
     return {"outcome": outcome, "minutes": minutes, "load": load, "sentences": kept}
 
 
 def key_of(entry: dict[str, Any]) -> str:
-    """Return the name of an entry."""
+    """Return an entry's name."""
     return str(entry.get("id") or f"{entry['repository']}:{entry['class']}")
 
 
 def page_of(entries: list[dict[str, Any]], results: dict[str, dict[str, Any]]) -> str:
     """Return the page: how often each outcome came out, then each entry by kind."""
     ran = [entry for entry in entries if key_of(entry) in results]
-    counts = Counter(results[key_of(entry)]["outcome"] for entry in ran)
-    left = len(entries) - len(ran)
+    counts, left = Counter(results[key_of(e)]["outcome"] for e in ran), len(entries) - len(ran)
     head = PAGE.format(
-        count=len(ran), processors=os.cpu_count(), minutes=SECONDS // 60,
+        count=len(ran), processors=PROCESSORS, minutes=SECONDS // 60,
         classes=sum("class" in entry for entry in ran), ids=sum("id" in entry for entry in ran),
         left=f"{left} others of the list have not been run. " * bool(left),
     )  # fmt: skip
     lines = [head, *(f"| {name} | {counts[name]} | {MEANING[name]} |" for name in MEANING)]
-    useful = sum(counts[name] for name in [*MEANING][:USEFUL])
+    useful = sum(counts[name] for name in [*MEANING][:5])
     lines.append(f"\nThe first five, {useful} of {len(ran)}, are of use.")
     for kind in dict.fromkeys(entry["kind"] for entry in ran):
         of_kind = [key_of(entry) for entry in ran if entry["kind"] == kind]
@@ -187,10 +188,10 @@ if __name__ == "__main__":
     options = parser.parse_args()
     entries = tomllib.loads(LIST.read_text())["entry"]
     options.outcomes.touch()
-    lines = map(json.loads, options.outcomes.read_text().splitlines())
-    results = {line["entry"]: line for line in lines}
-    missing = [entry for entry in entries if key_of(entry) not in results]
-    wanted = [entry for entry in missing if not options.names or key_of(entry) in options.names]
+    stored = map(json.loads, options.outcomes.read_text().splitlines())
+    results = {line["entry"]: line for line in stored}
+    names = {*(options.names or map(key_of, entries))} - results.keys()
+    wanted = [entry for entry in entries if key_of(entry) in names]
     for entry in wanted[: options.limit]:
         result = {"kind": entry["kind"], "entry": key_of(entry), **walked(entry, options.trees)}
         results[key_of(entry)] = result
