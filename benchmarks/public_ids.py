@@ -40,12 +40,13 @@ MEANING = dict(zip(VERDICTS, ["a verdict on a source"] * 3, strict=True)) | {
     "crash": "a traceback, or the process died",
 }
 WAY_OUT = r"\b(let|give|set|use|name|choose|install|return|pass|wrap|write)\b"
-UNTOLD = "^(Wrote|Stored|mean return of other|steps to the threshold saved)"  # not on the page
+UNTOLD = "^(mean return of other|steps to the threshold saved|# (Where|with|Networks) )"
 PAGE = """# Which public environments work?
 
 {count} environments that other people wrote, each walked through `curricle new`, `check`, `run` and
-`show` as a newcomer would, on {processors} processors, with {minutes} minutes and 4 GB: {classes}
-classes of public repositories, listed before any was run, and {ids} ids of Gymnasium and MiniGrid.
+`show` as a newcomer would, with {minutes} minutes and 4 GB: {classes} classes of public
+repositories, listed before any was run, and {ids} ids of Gymnasium and MiniGrid. A machine of
+{processors} processors ran them, for each of which {load} processes waited, the run's own included.
 {left}`python -m benchmarks.public_ids` makes this page of `benchmarks/public_classes.toml`.
 
 | outcome | entries | it means |
@@ -93,10 +94,8 @@ def subject(entry: dict[str, Any], trees: Path, folder: Path) -> str:
         return f"{module}:{entry['class']}"
     arguments = ", ".join(f"{name}={value!r}" for name, value in entry["arguments"].items())
     passed = ", ".join(f"{name}={name}" for name in entry["arguments"])
-    (folder / "made.py").write_text(
-        f"from {module} import {entry['class']}\n\n\n"
-        f"def made({arguments}):\n    return {entry['class']}({passed})\n"
-    )
+    made = f"def made({arguments}):\n    return {entry['class']}({passed})\n"
+    (folder / "made.py").write_text(f"from {module} import {entry['class']}\n\n\n{made}")
     return "made:made"
 
 
@@ -134,8 +133,9 @@ def walked(entry: dict[str, Any], trees: Path) -> dict[str, Any]:
                 file = re.findall(r"Wrote (\S+\.toml)", output)[-1]
                 results = f"{file.removesuffix('.toml')}-results"
                 words |= {"check": [file, "--json"], "run": [file], "show": [results, "--json"]}
-                said += output.splitlines()
-                notes = output + (Path(name) / file).read_text()
+                notes = (Path(name) / file).read_text()
+                said += notes.partition("\n\n")[0].replace("\n#   ", " ").splitlines()[1:]
+            output = output[max(0, output.find("{\n")) :]  # what the class itself prints is before
             cost = step == "check" and json.loads(output)["seconds"]
             if cost and cost > PROCESSORS * (ends - time.monotonic()):
                 outcome = "too slow"
@@ -144,7 +144,7 @@ def walked(entry: dict[str, Any], trees: Path) -> dict[str, Any]:
             if step == "show":
                 outcome, sentences = judged(json.loads(output), notes)
                 said += sentences
-    kept = [line for line in said if line.strip() and not re.search(UNTOLD, line)]
+    kept = [line.removeprefix("# ") for line in said if not re.search(UNTOLD, line)]
     load = round(os.getloadavg()[1] / PROCESSORS, 1)
     return {"outcome": outcome, "minutes": minutes, "load": load, "sentences": kept}
 
@@ -158,14 +158,13 @@ def page_of(entries: list[dict[str, Any]], results: dict[str, dict[str, Any]]) -
     """Return the page: how often each outcome came out, then each entry by kind."""
     ran = [entry for entry in entries if key_of(entry) in results]
     counts, left = Counter(results[key_of(e)]["outcome"] for e in ran), len(entries) - len(ran)
+    loads, ids = [r["load"] for r in results.values() if "load" in r], sum("id" in e for e in ran)
     head = PAGE.format(
-        count=len(ran), processors=PROCESSORS, minutes=SECONDS // 60,
-        classes=sum("class" in entry for entry in ran), ids=sum("id" in entry for entry in ran),
-        left=f"{left} others of the list have not been run. " * bool(left),
+        count=len(ran), minutes=SECONDS // 60, classes=len(ran) - ids, ids=ids, load=median(loads),
+        processors=PROCESSORS, left=f"{left} others of the list have not been run. " * bool(left),
     )  # fmt: skip
     lines = [head, *(f"| {name} | {counts[name]} | {MEANING[name]} |" for name in MEANING)]
-    useful = sum(counts[name] for name in [*MEANING][:5])
-    lines.append(f"\nThe first five, {useful} of {len(ran)}, are of use.")
+    lines.append(f"\nThe first five, {sum(counts[name] for name in [*MEANING][:5])}, are of use.")
     for kind in dict.fromkeys(entry["kind"] for entry in ran):
         of_kind = [key_of(entry) for entry in ran if entry["kind"] == kind]
         spent = {name: sum(results[name]["minutes"].values()) for name in of_kind}
