@@ -32,10 +32,10 @@ SECONDS = 300  # of the four commands together
 QUIET = {"SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy", "MPLBACKEND": "Agg"}  # no windows
 VERDICTS = "pays", "costs", "no difference"  # the first words of each
 MEANING = dict(zip(VERDICTS, ["a verdict on a source"] * 3, strict=True)) | {
-    "honest end": "no easier relative was found; the best learner without one is named",
+    "honest end": "no easier relative was found; the best learner without one, by a verdict",
     "refusal": "refused in a sentence that states a way out",
     "guess": "a verdict on a source whose mapping is not scored",
-    "void": "nobody learnt, a refusal without a way out, or one of the study that `new` wrote",
+    "void": "nobody learnt, one learner alone, or a refusal (without a way out, or by `run`)",
     "too slow": f"more than {SECONDS // 60} minutes, in fact or by the cost that `check` says",
     "crash": "a traceback, or the process died",
 }
@@ -108,7 +108,7 @@ def judged(shown: dict[str, Any], notes: str) -> tuple[str, list[str]]:
     if any("no arm is above random play" in sentence for sentence in sentences) or not arms:
         return "void", sentences
     if not verdicts:
-        named = any("the best learner without one is" in sentence for sentence in sentences)
+        named = any("better than each other learner" in sentence for sentence in sentences)
         return "honest end" if named and "nothing to learn" not in notes else "void", sentences
     found = [name for name in VERDICTS if any(text.startswith(name) for text in verdicts)]
     return "guess" if "a guess: components" in notes else [*found, "void"][0], sentences
