@@ -39,7 +39,7 @@ MEANING = dict(zip(VERDICTS, ["a verdict on a source"] * 3, strict=True)) | {
     "too slow": f"more than {SECONDS // 60} minutes, in fact or by the cost that `check` says",
     "crash": "a traceback, or the process died",
 }
-WAY_OUT = r"\b(let|give|set|use|name|choose|install|return|pass|wrap|write)\b"
+WAY_OUT = r"\b(let|give|set|use|name|choose|install|return|pass|wrap|write|becomes)\b"
 UNTOLD = "^(mean return of other|steps to the threshold saved|# (Where|with|Networks) )"
 PAGE = """# Which public environments work?
 
