@@ -73,7 +73,7 @@ def command(folder: Path, ends: float, *words: str) -> tuple[int | None, str, st
 
 def tree_of(entry: dict[str, Any], trees: Path) -> Path:
     """Return the folder of an entry's repository, which is cloned where it is not there."""
-    tree = trees / entry["repository"].replace("/", "+")
+    tree = trees / str(entry["repository"]).replace("/", "+")
     if not tree.is_dir():
         url = f"https://github.com/{entry['repository']}"
         subprocess.run(["git", "clone", "-q", url, tree], check=True)
