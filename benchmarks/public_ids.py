@@ -122,7 +122,7 @@ def walked(entry: dict[str, Any], trees: Path) -> dict[str, Any]:
         for step in "new", "check", "run", "show":
             code, output, errors, minutes[step] = command(Path(name), ends, step, *words[step])
             if code != 0:
-                reason = errors.strip().rpartition("\n")[2]
+                reason = errors.strip().rpartition("\n")[2].removeprefix("curricle: ")
                 refused = code in (1, 3) and "Traceback" not in errors
                 helps = step == "new" and re.search(WAY_OUT, reason)  # else `new` wrote the fault
                 outcome = "refusal" if helps else "void"
