@@ -335,6 +335,8 @@ def best_learner(arms: MeasuredArms) -> str:
     in_file = f" (in a study file: {written.rstrip(', ')})" * bool(written and not arms.remarks)
     verdict = arms.best_learner
     sure = "" if verdict is None else f"; better than each other learner: {verdict}"
+    if len(arms.arms) == 1:
+        return "no arm has a source, and no other learner was compared: scratch_learners names more"
     return f"no arm has a source; the best learner without one is {learner}{in_file}{sure}"
 
 

@@ -62,7 +62,7 @@ from curricle.text import counted
 
 DISCOUNT = 0.99
 VAST = 100_000  # states of a live task, of which a trial meets few
-NETWORKS = 20_000  # steps of a network
+NETWORKS = 15_000  # steps of a network
 LIMIT = 500  # time limit of an environment that has none
 SAMPLED: dict[str, Any] = {
     "samples": 30,
@@ -217,7 +217,7 @@ def _study(
     ways = _ways(env, play)
     found = _searched(ways, recipe, play, say)
     if found.task is None:
-        return _of_network(name, recipe, env, notes, _refused(found, play))
+        return _of_network(name, recipe, env, notes, _refused(found, play), play.limit)
     if is_live(found.task):
         notes += _of_live(found, play)
     elif not has_table(env):
@@ -237,7 +237,8 @@ def _study(
             break
     if live and budgets and target.steps == math.inf and task.states.size > VAST:
         met = f"of its {task.states.size:,} states few are met in {budgets[-1]:,} steps"
-        return _of_network(name, recipe, env, notes, f"{met}, in which a table learnt nothing")
+        why = f"{met}, in which a table learnt nothing"
+        return _of_network(name, recipe, env, notes, why, play.limit)
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
     arguments = list(arguments_of(recipe, env))
@@ -260,7 +261,7 @@ def _study(
         starts = keys | {"start_states": {"distance": [1, high]}}
         sources[NEAR] = _source(variant, budget, starts)
     notes += _of_sources(target, easy, near, f"over {most:,}")
-    filled = {"live": live, "budget": budget, "sources": sources, "counters": play.counters}
+    filled = {"live": live, "budget": budget, "sources": sources}
     filled["kind"] = "tabulated" if way.func is tabulate else "gymnasium"
     filled["keys"] = keys | _in_rows_keys(task, easy.rows)
     return _text(name, recipe, notes, filled), notes
@@ -430,7 +431,12 @@ def _rounded_up(steps: float) -> int:
 
 
 def _of_network(
-    name: str, recipe: Recipe, env: Env[Any, Any], notes: list[str], why: str
+    name: str,
+    recipe: Recipe,
+    env: Env[Any, Any],
+    notes: list[str],
+    why: str,
+    limit: int | None = None,
 ) -> tuple[str, list[str]]:
     """Return a study that a network learns."""
     observed, acting = env.observation_space, env.action_space
@@ -450,14 +456,14 @@ def _of_network(
     )
     policy = "CnnPolicy" if picture else "MlpPolicy"
     policy = "MultiInputPolicy" if isinstance(observed, Dict) else policy
-    algorithm = "DQN" if isinstance(acting, Discrete) else "PPO"
+    algorithms = ("DQN", "PPO") if isinstance(acting, Discrete) else ("PPO", "A2C")
     notes = [*notes, f"learnt by a network, as it is not tabulated: {why}"]
     notes.append(
         f"no easier relative was tried, as networks take long; {NETWORKS:,} steps are what minutes "
         "allow, and may be too few to learn anything"
     )
-    filled: dict[str, Any] = {"kind": "observation_task", "keys": _limit(env, None), "live": True}
-    filled |= {"budget": NETWORKS, "sources": {}, "network": (algorithm, policy)}
+    filled: dict[str, Any] = {"kind": "observation_task", "keys": _limit(env, limit), "live": True}
+    filled |= {"budget": NETWORKS, "sources": {}, "network": (algorithms[0], policy, algorithms[1])}
     return _text(name, recipe, notes, filled), notes
 
 
