@@ -9,5 +9,6 @@ from .config import (
 from .results import StudyResults as StudyResults, compare_studies as compare_studies
 from .running import Progress as Progress, merge as merge, run_study as run_study
 from .store import StudyStore as StudyStore
+from .templates import new_study as new_study
 from .tuning import choose as choose
 from .workers import WorkerProcesses as WorkerProcesses

@@ -19,10 +19,30 @@ KINDS = {
 def new_study(
     kind: str, folder: Path = Path(), say: Callable[[str], object] = lambda _: None
 ) -> tuple[str, str, list[str]]:
-    """Return a file's name and text, and sentences on its environment; or ConfigError.
+    """Return the name and text of a study file, and sentences on its environment.
 
-    `kind` is a ready file, an id of Gymnasium's registry, or a class or function of one's own as
-    ``module:Class``, whose module is looked for in the folder. `say` is called with each step.
+    The command ``curricle new`` writes the text into the folder.
+
+    Parameters
+    ----------
+    kind : str
+        A ready file, an id of Gymnasium's registry, or a class or function of one's own as
+        ``module:Class``, whose module is looked for in the folder.
+    folder : Path
+        Where the file is to lie; the working directory by default.
+    say : callable
+        Called with each step, and the longest that it may take.
+
+    Raises
+    ------
+    ConfigError
+        When nothing is called so, or the environment cannot be played, with its file and line.
+
+    Examples
+    --------
+    >>> file, text, _ = new_study("maze")
+    >>> file, text.splitlines()[0]
+    ('maze.toml', '# A maze learnt from its corner. Run it with: curricle run FILE')
     """
     if kind in KINDS:
         return file_name(kind), template(kind), []
