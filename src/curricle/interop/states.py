@@ -312,7 +312,7 @@ class DeepCopy:
     Examples
     --------
     >>> DeepCopy(ignore=["episodes_so_far"])
-    DeepCopy(ignore=('episodes_so_far',))
+    DeepCopy(ignore=('episodes_so_far',), observed=None)
     """
 
     ignore: Collection[str] = ()
