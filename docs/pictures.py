@@ -1,9 +1,12 @@
-"""Take or draw the documentation's pictures: pictures.py [theory | survives | PAGE SELECTOR NAME].
+"""Take or draw the documentation's pictures.
+
+pictures.py [theory | survives | hunt FOLDER | PAGE SELECTOR NAME]
 
 Without arguments the studies of PAGES are run in a temporary folder, as these pages say, and all
 PICTURES are taken of their reports. Needs Chromium and Playwright (the extra ``test``).
 With ``theory`` those of why_it_works.md are drawn, in half a minute; with ``survives`` that of
-what_survives.md, from the table of the page.
+what_survives.md, from the table of the page; with ``hunt`` README's, of the folder of
+``curricle run examples/tune.toml``.
 """
 
 import io
@@ -20,6 +23,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import curricle as cr
+from curricle.show.plots import draw_comparison
 
 HERE = Path(__file__).resolve().parent
 sys.path.append(str(HERE.parent))
@@ -216,5 +220,8 @@ if __name__ == "__main__":
             draw()
     elif sys.argv[1] == "survives":
         survives()
+    elif sys.argv[1] == "hunt":
+        comparison = cr.study.StudyResults(sys.argv[2]).comparison
+        save(draw_comparison(comparison, profiles=False), "tuned_hunt.png")
     else:
         take(Path(sys.argv[1]), sys.argv[2], HERE / sys.argv[3])

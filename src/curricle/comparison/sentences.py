@@ -674,20 +674,22 @@ def gain_columns(arms: MeasuredArms, names: Sequence[str]) -> list[tuple[str, ..
     return [(head, *gains), (p_head, *texts("adjusted_p"))]
 
 
-def caption(arms: MeasuredArms) -> str:
-    """Return the caption of a comparison's figure."""
+def caption(arms: MeasuredArms, *, profiles: bool = True) -> str:
+    """Return the caption of a comparison's figure, with or without profiles of final returns."""
     how, sure = "One seed, which allows neither intervals nor tests.", ""
     if arms.seeds > 1:
+        shares = " and Wilson's for shares" * profiles
+        kinds = "curves and profiles" if profiles else "curves"
         how = (
             f"{arms.seeds} seeds; bands and bars are nominal 95 % intervals over seeds, "
-            "Student's for means and Wilson's for shares, pointwise for curves and profiles."
+            f"Student's for means{shares}, pointwise for {kinds}."
         )
         tests = f"p values of {_test(arms)}; filled where p < {SIGNIFICANT:g}"
         sure = f"; {arms.withheld or tests}"
     controls = any(arm.control for arm in arms.arms.values())
+    finals = " Middle: final is the mean over the last tenth of the checkpoints." * profiles
     return (
         f"{how} Left: means over seeds; dotted, steps in the sources, at the random policy's "
-        "return; circle, where the first seed begins the target. Middle: final is the mean over "
-        "the last tenth of the checkpoints. Right: the mean return is the mean height of the left "
-        f"curve{sure}.{' Dashed and greyer: controls.' * controls}"
+        f"return; circle, where the first seed begins the target.{finals} Right: the mean return "
+        f"is the mean height of the left curve{sure}.{' Dashed and greyer: controls.' * controls}"
     )

@@ -43,7 +43,7 @@ from curricle.show.style import (
     value_scale,
     write_columns,
 )
-from curricle.statistics.curves import SCRATCH, Curve, asymptotic_performance, smooth
+from curricle.statistics.curves import Curve, asymptotic_performance, smooth
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import CONFIDENCE, mean_interval
 from curricle.tasks.grid import LETTERS
@@ -320,22 +320,28 @@ def random_level(comparison: Comparison) -> float:
 
 
 @matplotlib.rc_context(STYLE)
-def draw_comparison(comparison: Comparison) -> Figure:
-    """Return the figure of a comparison: learning curves, performance profiles and gains."""
-    if not comparison.contrasts:
-        raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
+def draw_comparison(comparison: Comparison, *, profiles: bool = True) -> Figure:
+    """Return the figure of a comparison: learning curves, performance profiles and gains.
+
+    Without an arm that has a source there are no gains, and the curves have a legend.
+    """
     styles = arm_styles(comparison)
     lines = max(len(wrap(style.short, NAME_LETTERS)) for style in styles.values())
     height = max(3.7, 1.5 + ROW_HEIGHT * len(styles) * max(1, 0.75 * lines))
     figure = ShownFigure(figsize=(11.5, height), layout="constrained")
-    curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
+    ratios = (1.5, *(1,) * (profiles + bool(comparison.contrasts)))
+    curves, *others = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
     _draw_arms({curves: True}, comparison)
     curves.set_title("learning curves (strong transfer)")
-    _draw_profiles(profile, comparison, styles)
-    _draw_gains(gains, comparison, styles)
+    if profiles:
+        _draw_profiles(others[0], comparison, styles)
+    if comparison.contrasts:
+        _draw_gains(others[-1], comparison, styles)
+    else:
+        curves.legend(frameon=False)
     title = f"{comparison.target}: every arm spends {comparison.total:,} steps"
     figure.suptitle(fill(title, TITLE_LETTERS))  # Matplotlib's own lines read dollars as formulas
-    caption(figure, sentences.caption(comparison))
+    caption(figure, sentences.caption(comparison, profiles=profiles))
     return figure
 
 
@@ -389,8 +395,8 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     spare = max(0.5, (7 - len(styles)) / 2)
     axes.set_ylim(len(styles) - 1 + spare, -spare)
     best = " or ".join(comparison.best_opponents)
-    axes.set_title("gain over the best opponent", loc="right")  # columns of text begin there
-    axes.set_xlabel(fill(f"mean return, minus that of {best}", 40))
+    axes.set_title("gain in mean return", loc="right")  # columns of text begin there
+    axes.set_xlabel(fill(f"over that of the best opponent, {best}", 40))
 
 
 # -- grids: mazes, values and potentials as heat maps ----------------------------------------------

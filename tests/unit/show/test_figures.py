@@ -97,6 +97,20 @@ def test_returns_over_decades_are_drawn_on_a_bent_axis():
     assert curves.get_ylim()[0] < -400
 
 
+def test_a_figure_may_leave_profiles_out_and_has_no_gains_where_nothing_is_transferred():
+    both = Comparison(
+        "hunt", {"scratch": arm(0.0), "mean": arm(8.0, 20)}, 80, 100, Reference(9.0), 1
+    )
+    figure = draw_comparison(both, profiles=False)
+    assert [axes.get_title() for axes in figure.axes] == ["learning curves (strong transfer)", ""]
+    assert figure.axes[1].get_title(loc="right") == "gain in mean return"
+    assert figure.axes[1].get_xlabel() == "over that of the best opponent, scratch"
+    assert not any("Middle" in text.get_text() for text in figure.texts)
+    alone = draw_comparison(Comparison("hunt", {"scratch": arm(0.0)}, 80, 100, Reference(9.0), 1))
+    assert [axes.get_title() for axes in alone.axes][1:] == ["final returns"]
+    assert alone.axes[0].get_legend() is not None
+
+
 def test_many_arms_are_lines_with_bars_and_whole_names():
     long = [f"{letter}, a name of many words that says what the arm does" for letter in "abcdefg"]
     unbroken = "without_any_space_" * 5
