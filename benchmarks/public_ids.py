@@ -173,7 +173,7 @@ def page_of(entries: list[dict[str, Any]], results: dict[str, dict[str, Any]]) -
         lines.append("| environment | outcome | minutes | what is said |\n|---|---|---|---|")
         for name in of_kind:
             said = "; ".join(results[name]["sentences"]).replace("|", "\\|").replace("<", "&lt;")
-            said = said if len(said) <= 400 else f"{said[:250]} … {said[-140:]}"
+            said = said if len(said) <= 220 else f"{said[:100]} … {said[-110:]}"
             lines.append(f"| `{name}` | {results[name]['outcome']} | {spent[name]:.1f} | {said} |")
     return "\n".join(lines)
 
