@@ -7,7 +7,7 @@ from gymnasium import spaces
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle.interop.gymnasium import Number, Point, is_discrete, space_of
+from curricle.interop.discrete import Number, Point, is_discrete, space_of
 from tests.support.worlds_to_tabulate import Listed
 
 SIZES = st.integers(1, 4)

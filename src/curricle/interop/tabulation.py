@@ -35,19 +35,15 @@ from curricle.interop.minigrid import (
     fitting_state,
     named_actions,
 )
-from curricle.interop.states import (
-    DeepCopy,
+from curricle.interop.search import (
     Listed,
     ListedOutcomes,
-    SaveAndRestore,
     Search,
-    Words,
     World,
-    copied,
     core_and_views,
-    shared_draws,
     time_limit_of,
 )
+from curricle.interop.states import DeepCopy, SaveAndRestore, Words, copied, shared_draws
 from curricle.interop.tabulated_task import (
     ObservationTable,
     Shown,

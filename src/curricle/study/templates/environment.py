@@ -23,16 +23,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from curricle.curriculum.curriculum import SOURCES_SHARE
 from curricle.deep.learner import LEAST_SIDE
 from curricle.errors import ConfigError, TaskError
+from curricle.interop.discrete import is_discrete, space_of
 from curricle.interop.encoders import Bins, WholeNumbers
-from curricle.interop.gymnasium import (
-    from_gymnasium,
-    has_table,
-    is_discrete,
-    names_of,
-    opened,
-    space_of,
-)
-from curricle.interop.states import MORE_RESETS, DeepCopy, time_limit_of
+from curricle.interop.gymnasium import from_gymnasium, has_table, names_of, opened
+from curricle.interop.search import MORE_RESETS, time_limit_of
+from curricle.interop.states import DeepCopy
 from curricle.interop.tabulation import tabulate
 from curricle.study.templates.play import EPISODES, PLAYED, Play
 from curricle.study.templates.variants import (
