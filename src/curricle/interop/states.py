@@ -362,6 +362,7 @@ class ObservedCopies(Copies):
     """Copies that are told apart by their observations alone."""
 
     witnessed = True
+    note = "states that look alike are one"
 
     def __init__(self, names: tuple[str, ...]):
         super().__init__(frozenset())
