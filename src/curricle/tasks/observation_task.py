@@ -76,6 +76,8 @@ class EnvironmentMaker:
 
 def _takes_seeds(environment: Any) -> bool:
     """Return whether a reset takes what Gymnasium gives it."""
+    if not callable(getattr(environment, "reset", None)):
+        return True  # it is refused where it is used
     parameters = inspect.signature(environment.reset).parameters.values()
     named = {"seed", "options"} <= {parameter.name for parameter in parameters}
     return named or any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
