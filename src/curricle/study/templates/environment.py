@@ -59,10 +59,8 @@ DISCOUNT = 0.99
 VAST = 100_000  # states of a live task, of which a trial meets few
 NETWORKS = 15_000  # steps of a network
 LIMIT = 500  # time limit of an environment that has none
-SAMPLED: dict[str, Any] = {
-    "samples": 30,
-    "seeds": (0, 1, 2, 3, 4),
-}  # options of `tabulate` for random steps
+# Options of `tabulate` for random steps.
+SAMPLED: dict[str, Any] = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}
 JUDGED = {"samples": 8}  # the same to judge a variant
 NEAR = "near_the_goal"  # the source whose episodes start near the goal
 RESETS, MOST_RESETS = 1 + MORE_RESETS, 288  # where these differ: at first, and while new ones come
@@ -94,8 +92,9 @@ def _ways(env: Env[Any, Any], play: Play) -> list["partial[Any]"]:
     if play.counters:
         ways.append(partial(tabulate, **options, state=DeepCopy(play.counters)))
     ways.append(partial(tabulate, **options))
-    ways.append(partial(tabulate, **options, state=alike))
-    ways.append(partial(tabulate, **options, state=alike, **SAMPLED))
+    if not is_minigrid(env):  # which shows a part of its state alone
+        ways.append(partial(tabulate, **options, state=alike))
+        ways.append(partial(tabulate, **options, state=alike, **SAMPLED))
     if discrete:
         space = space_of(env.observation_space, "state")
         named = (

@@ -139,7 +139,7 @@ class Play:
     def encoder(self) -> Bins | WholeNumbers | None:
         """Return what sorts a box's numbers into few states, None where these are too many."""
         space = self.env.observation_space
-        if not (isinstance(space, Box) and len(space.shape) == 1):
+        if not (isinstance(space, Box) and len(space.shape) == 1 and space.shape[0]):
             return None
         seen, ranges = np.array(self.points), dict[str, tuple[float, float]]()
         ends = zip(space.low, space.high, seen.min(axis=0), seen.max(axis=0), strict=True)
