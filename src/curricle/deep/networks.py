@@ -31,7 +31,7 @@ try:
     )
     from stable_baselines3.common.vec_env import unwrap_vec_normalize
 except ModuleNotFoundError:  # the extra is not installed: SmallCNN raises ImportError
-    BaseFeaturesExtractor = object
+    BaseFeaturesExtractor = ActorCriticPolicy = object
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
