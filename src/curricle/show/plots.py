@@ -329,7 +329,7 @@ def draw_comparison(comparison: Comparison, *, profiles: bool = True) -> Figure:
     lines = max(len(wrap(style.short, NAME_LETTERS)) for style in styles.values())
     height = max(3.7, 1.5 + ROW_HEIGHT * len(styles) * max(1, 0.75 * lines))
     figure = ShownFigure(figsize=(11.5, height), layout="constrained")
-    ratios = (1.5, *(1,) * (profiles + bool(comparison.contrasts)))
+    ratios = (1.5 if profiles else 2.5, *(1,) * (profiles + bool(comparison.contrasts)))
     curves, *others = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
     _draw_arms({curves: True}, comparison)
     curves.set_title("learning curves (strong transfer)")
