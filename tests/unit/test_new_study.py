@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 import curricle as cr
-from curricle.errors import ConfigError
+from curricle.errors import ConfigError, TaskError
 from curricle.study import StudyResults, read_study
 from curricle.study.templates import new_study
 
@@ -200,6 +200,28 @@ class Gusty(Robot):
         return super().step(action if np.random.random() < 0.9 else 1)
 
 
+class Rover(Robot):  # whose episodes of random actions all end by its battery
+    def __init__(self, size=9, battery=12):
+        super().__init__(size, slippery=True, max_steps=80)
+        self.full = battery
+        self.observation_space = spaces.MultiDiscrete([size, size, battery + 1])
+
+    def reset(self, *, seed=None, options=None):
+        self.battery = self.full
+        return np.append(super().reset(seed=seed)[0], self.battery), {}
+
+    def step(self, action):
+        self.battery -= 1
+        at, reward, over, late, info = super().step(action)
+        return np.append(at, self.battery), reward, over or not self.battery, late, info
+
+
+class Leaving(Robot):
+    def step(self, action):
+        at, *rest = super().step(action)
+        return at + 9 * (self.steps > 5), *rest
+
+
 class Older(Robot):
     def reset(self):
         return super().reset()[0]
@@ -326,6 +348,16 @@ def test_a_record_of_what_was_done_and_a_pickled_constructor_are_no_part_of_a_st
     assert 'observed = ["row", "column"]' in text
 
 
+def test_a_battery_that_falls_with_each_step_is_no_clock(robots):
+    _, text, _ = new_study("robots:Rover", robots)
+    assert text.count("time_limit = 80") == text.count("[tasks.")
+
+
+def test_an_observation_outside_of_its_space_is_refused_wherever_it_is_met(robots):
+    with pytest.raises(TaskError, match=r"must lie in the .*observation_space, Box\(.*: got"):
+        new_study("robots:Leaving", robots)
+
+
 def test_random_numbers_that_all_code_shares_follow_the_seed(robots):
     _, text, notes = new_study("robots:Gusty", robots)
     assert "tabulated: 36 states" in notes[0], notes
@@ -367,7 +399,8 @@ def test_fractions_of_few_values_are_tabulated(robots):
     assert 'type = "tabulated"' in text
 
 
-def test_a_few_numbers_are_binned_and_a_live_relative_is_scored_by_returns(robots):
+def test_a_few_numbers_are_binned_and_a_live_relative_is_scored_by_returns(robots, monkeypatch):
+    monkeypatch.setattr("curricle.study.templates.environment.QUICK", 0)  # on any machine
     file, text, notes = new_study("robots:Drifting", robots)
     assert "its observations are no whole numbers, nor few" in notes[0]
     assert "its numbers are sorted into 20 states" in notes[1]

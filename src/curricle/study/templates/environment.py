@@ -87,7 +87,8 @@ def _ways(env: Env[Any, Any], play: Play) -> list["partial[Any]"]:
     if play.masks and play.told:
         options["action_masks"] = True
     discrete, encoder, names = is_discrete(env.observation_space), play.encoder(), play.names()
-    alike = DeepCopy(observed=names if isinstance(env.observation_space, Box | Discrete) else ())
+    plain = isinstance(env.observation_space, Box | Discrete | MultiDiscrete | MultiBinary)
+    alike = DeepCopy(observed=names if plain and len(env.observation_space.shape or ()) < 2 else ())
     ways = list["partial[Any]"]()
     if play.counters:
         ways.append(partial(tabulate, **options, state=DeepCopy(play.counters)))

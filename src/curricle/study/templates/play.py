@@ -36,7 +36,6 @@ class Play:
         self.told = True  # whether observations tell which actions are available
         self.points, self.attributes = list[list[Any]](), list[Words]()  # points: of observations
         self.times, self.cuts = list[int](), list[int]()  # steps since the reset; at a truncation
-        self.ends = list[int]()  # the steps of whole episodes
         self.act, self.actions = actions_of(env.action_space, None, None)
         began = time.perf_counter()
         self._until = began + PLAYED
@@ -63,7 +62,6 @@ class Play:
             states.append((deepcopy(observed), reward))
             if over or cut or len(states) > LONGEST or time.perf_counter() > self._until:
                 self.cuts += [len(states) - 1] * bool(cut)
-                self.ends += [len(states) - 1] * bool(over or cut)
                 return states
             n = self.actions.size
             allowed: Any = n
@@ -73,8 +71,7 @@ class Play:
                 allowed = np.flatnonzero(mask)
             action = self.act(int(rng.choice(allowed)))
             observed, reward, over, cut, info = checked_parts("step", env.step(action))
-            if len(states) == 1:
-                check_observation(env.observation_space, observed)
+            check_observation(env.observation_space, observed)
 
     @property
     def whole(self) -> bool:
@@ -94,8 +91,20 @@ class Play:
         """Return whether a number in observations is an attribute, maybe scaled."""
         points: Any = np.array(self.points, float)
         values: Any = [words[name] for words in self.attributes]
-        moving = points[:, np.ptp(points, axis=0) > 0].T
-        return any(abs(np.corrcoef(column, values)[0, 1]) > 1 - SCALED for column in moving)
+        for column in points[:, np.ptp(points, axis=0) > 0].T:
+            if abs(np.corrcoef(column, values)[0, 1]) > 1 - SCALED:
+                others = self._named(column.tolist())  # a battery that falls with each step, too
+                if name in others or not others:
+                    return True
+        return False
+
+    def _named(self, column: list[Any]) -> list[str]:
+        """Return the attributes with these values."""
+        return [
+            name
+            for name in self.attributes[0]
+            if [values.get(name) for values in self.attributes] == column
+        ]
 
     @property
     def limit(self) -> int | None:
@@ -104,34 +113,30 @@ class Play:
         named = {name for name in first if counters and re.search(LIMITS, name.lower())}
         stated = [first[name] for name in named - {*counters}]
         cut = min(self.cuts, default=None)
-        if len(self.ends) > EPISODES and len({*self.ends}) == 1:
-            cut = self.ends[0]  # where it always ends, truncated or not
         if counters and not (cut or self.masks):
             cut = self._cut_ahead(counters)
         return cut or min((x for x in stated if type(x) is int and x > 1), default=None)
 
     def _cut_ahead(self, counters: list[str]) -> int | None:
-        """Return at which step it truncates, seen by setting its counters ahead; None if unseen."""
+        """Return at which step it ends, seen by setting its counters ahead; None if unseen."""
         ends = time.perf_counter() + PLAYED
         with suppress(Exception):  # so late a step may be outside of what the class foresees
             for n in range(1, LONGEST + 1):
                 seeded_reset(self.env, 0)
                 for name in counters:
                     setattr(self.env.unwrapped, name, int(self.attributes[0][name]) + n - 1)
-                cut = self.env.step(self.act(0))[3]
-                if cut or time.perf_counter() > ends:
-                    return n if cut else None
+                over, cut = self.env.step(self.act(0))[2:4]
+                if cut or (over and n > 1) or time.perf_counter() > ends:
+                    return n if over or cut else None
+                if over:  # whatever its counters show
+                    return None
         return None
 
     def names(self) -> list[str]:
         """Return the attributes that the numbers in observations show, ``state_1`` if unknown."""
         names = list[str]()
         for i, column in enumerate(zip(*self.points, strict=False), start=1):
-            shown = [
-                name
-                for name in self.attributes[0]
-                if [values.get(name) for values in self.attributes] == [*column]
-            ]
+            shown = self._named([*column])
             sure = [name.lstrip("_") for name in shown if len(set(column)) > 1 or len(shown) == 1]
             names.append(next((name for name in sure if name not in names), f"state_{i}"))
         return names

@@ -49,7 +49,7 @@ SMALL = (
 )
 GRID = ("row", "column")  # names of a state that is one number, row * columns + column
 TRIED, CHECKS = 3, 20  # seeds and checkpoints of such a trial
-QUICK = 5_000  # steps a second from which on a live task is tried
+QUICK = 3_000  # steps a second from which on a live task is tried
 SMOOTH, NOISE = 5, 2.0  # its checkpoints in a mean; standard deviations that its return must gain
 LEARNT = 0.9  # of the way from the random policy's return to the optimum
 SOONER, MOST = 0.8, 3  # share of the target's steps that an easier variant may take; variants
