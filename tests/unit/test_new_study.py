@@ -200,19 +200,14 @@ class Gusty(Robot):
         return super().step(action if np.random.random() < 0.9 else 1)
 
 
-class Rover(Robot):  # whose episodes of random actions all end by its battery
+class Rover(Tired):  # whose episodes of random actions all end by its battery
     def __init__(self, size=9, battery=12):
-        super().__init__(size, slippery=True, max_steps=80)
-        self.full = battery
-        self.observation_space = spaces.MultiDiscrete([size, size, battery + 1])
-
-    def reset(self, *, seed=None, options=None):
-        self.battery = self.full
-        return np.append(super().reset(seed=seed)[0], self.battery), {}
+        super().__init__(size, battery)
+        self.slippery, self.max_steps = True, 80
 
     def step(self, action):
         self.battery -= 1
-        at, reward, over, late, info = super().step(action)
+        at, reward, over, late, info = Robot.step(self, action)
         return np.append(at, self.battery), reward, over or not self.battery, late, info
 
 

@@ -384,13 +384,10 @@ class ObservedCopies(Copies):
         if len(entries) > MOST_CELLS:
             return {}
         names = self.names if len(self.names) == len(entries) else tuple(entries)
-        values = (f"{x:.6g}" if isinstance(x, float) and x % 1 else x for x in entries.values())
-        return words_of_state(
-            {
-                name: int(x) if isinstance(x, float) else x
-                for name, x in zip(names, values, strict=True)
-            }
-        )
+        for place, number in entries.items():
+            if isinstance(number, float):
+                entries[place] = f"{number:.6g}" if number % 1 else int(number)
+        return words_of_state(dict(zip(names, entries.values(), strict=True)))
 
 
 @dataclass(eq=False)

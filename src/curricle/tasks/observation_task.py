@@ -89,14 +89,17 @@ class OlderAPI(gymnasium.Wrapper[Any, Any, Any, Any]):
     Its reset may return an observation alone, and its step four parts, without `truncated`.
     """
 
+    def __init__(self, env: gymnasium.Env[Any, Any]):
+        super().__init__(env)
+        self.taken = inspect.signature(env.reset).parameters.keys() & {"seed", "options"}
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Return the observation and the info of a reset, with what it takes of the arguments."""
         given: dict[str, Any] = {"seed": seed, "options": options}
-        taken = inspect.signature(self.env.reset).parameters.keys() & given.keys()
-        if seed is not None and "seed" not in taken:
+        if seed is not None and "seed" not in self.taken:
             gymnasium.Env.reset(self.unwrapped, seed=seed)  # which seeds np_random alone
             getattr(self.env, "seed", lambda _: None)(seed)
-        returned: Any = self.env.reset(**{name: given[name] for name in taken})
+        returned: Any = self.env.reset(**{name: given[name] for name in self.taken})
         pair = isinstance(returned, tuple) and len(returned) == 2 and isinstance(returned[1], dict)
         return returned if pair else (returned, {})
 

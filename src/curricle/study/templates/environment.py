@@ -386,8 +386,8 @@ def _keys(way: "partial[Any]") -> dict[str, Any]:
     keys = dict[str, Any]()
     for option, value in way.keywords.items():
         if isinstance(value, Bins | WholeNumbers):
-            name, ends = next(iter(vars(value).items()))
-            keys[option] = {"type": type(value).__name__, name: dict(ends)}
+            sorts = {"edges": value.edges} if isinstance(value, Bins) else {"ranges": value.ranges}
+            keys[option] = {"type": type(value).__name__} | sorts
         elif isinstance(value, DeepCopy):
             observed = {} if value.observed is None else {"observed": value.observed}
             keys |= observed or {"ignore": value.ignore}

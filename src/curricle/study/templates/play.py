@@ -32,7 +32,7 @@ class Play:
     """What a few episodes of random actions show of an environment."""
 
     def __init__(self, env: Env[Any, Any]):
-        self.env, self.masks, self.masks_seen = env, False, dict[bytes, bytes]()
+        self.env, self.masks, self._mask_of = env, False, dict[str, bytes]()  # of an observation
         self.told = True  # whether observations tell which actions are available
         self.points, self.attributes = list[list[Any]](), list[Words]()  # points: of observations
         self.times, self.cuts = list[int](), list[int]()  # steps since the reset; at a truncation
@@ -66,8 +66,9 @@ class Play:
             n = self.actions.size
             allowed: Any = n
             if self.masks:
-                mask, seen = action_mask(env, info, n), repr(self.points[-1]).encode()
-                self.told &= self.masks_seen.setdefault(seen, mask.tobytes()) == mask.tobytes()
+                mask = action_mask(env, info, n)
+                first_mask = self._mask_of.setdefault(repr(self.points[-1]), mask.tobytes())
+                self.told &= first_mask == mask.tobytes()
                 allowed = np.flatnonzero(mask)
             action = self.act(int(rng.choice(allowed)))
             observed, reward, over, cut, info = checked_parts("step", env.step(action))

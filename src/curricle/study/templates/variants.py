@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 from inspect import signature
 from typing import Any, NamedTuple
 
@@ -216,23 +217,18 @@ def _by_returns(target: Any, source: Any, variant: Variant) -> Fitting:
     if values is None or values.shape != (source.states.size, source.actions.size):
         values = learn(source, QLearning(), LIVE[0], evaluation=ROLLOUTS).values[0]
 
-    def returns(shaping: QInitialisation | None) -> FloatArray:
-        how: Any = {"evaluation": ROLLOUTS, "shaping": shaping, "eval_freq": FIRST // LOOKS}
-        learning = learn(target, QLearning(), FIRST, seeds=TRIED, **how)
-        return np.asarray(learning.greedy_return.mean(axis=1))
-
     pair: Any = Pair(target, source)
     proposals = [*by_name(pair)]
     with suppress(MappingError):
         proposals += by_alignment(pair)
     different = {of.mapping.index.tobytes(): of for of in proposals[::-1]}  # the plainest of equals
-    without, best = returns(None), None
+    best: Fitting | None = None
     for mapping, how, _ in different.values():
         if (mapping.index < 0).all() or (best and time.perf_counter() > ends):
             continue
         edges = [Transfer("source", "target", mapping)]
         phi = combined_potential(target, edges, [values], mean)
-        gains = returns(QInitialisation(phi)) - without
+        gains = _first_returns(target, QInitialisation(phi)) - _unshaped_returns(target)
         gain = float(gains.mean())
         if (gains > 0).all() and (best is None or gain > best.worth):
             regains = f"adds {gain:.3g} to the mean return of its first {FIRST:,} steps"
@@ -240,6 +236,18 @@ def _by_returns(target: Any, source: Any, variant: Variant) -> Fitting:
     if best is None:
         raise MappingError("no mapping by components adds to the return of every seed")
     return best
+
+
+def _first_returns(target: Any, shaping: QInitialisation | None) -> FloatArray:
+    """Return the mean return of each seed in a target's first steps."""
+    how: Any = {"evaluation": ROLLOUTS, "shaping": shaping, "eval_freq": FIRST // LOOKS}
+    learning = learn(target, QLearning(), FIRST, seeds=TRIED, **how)
+    return np.asarray(learning.greedy_return.mean(axis=1))
+
+
+@lru_cache(maxsize=1)  # all variants of a target are compared with it
+def _unshaped_returns(target: Any) -> FloatArray:
+    return _first_returns(target, None)
 
 
 class Pair(NamedTuple):
