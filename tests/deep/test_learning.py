@@ -18,7 +18,7 @@ from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.transfer import FunctionValues, ObservationPotential
 from curricle.transfer.rollouts import Environments, mean_episode_return
 
-from .worlds import ACTOR as PPO, MAZE, one_hot, table_potential
+from .worlds import ACTOR as PPO, MAZE, generator_states, one_hot, table_potential
 
 QUICK = {"learning_starts": 20, "train_freq": 4, "policy_kwargs": {"net_arch": [16]}}
 DQN = cr.deep.DeepLearner("DQN", settings={**QUICK, "learning_rate": 1e-3})
@@ -43,9 +43,9 @@ def test_checkpoints_between_the_steps_of_many_environments_are_recorded(observe
 
 def test_a_seed_depends_on_nothing_but_itself_and_leaves_no_trace(observed):
     torch.manual_seed(1)
-    before = models.generator_states()
+    before = generator_states()
     alone = cr.deep.learn_deep(observed, DQN, 200, seeds=[3])
-    after = models.generator_states()
+    after = generator_states()
     assert random.getstate() == before[0]
     assert torch.equal(before[2], after[2])
     random.seed(5)

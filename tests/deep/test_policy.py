@@ -9,13 +9,13 @@ from stable_baselines3 import DQN, PPO
 
 import curricle as cr
 from curricle.curriculum import CurriculumResult
-from curricle.deep import DeepLearner, DeepResult, SmallCNN, TrainedPolicy, learn_deep, models
+from curricle.deep import DeepLearner, DeepResult, SmallCNN, TrainedPolicy, learn_deep
 from curricle.errors import SettingError, StoreError
 from curricle.interop import MiniGridView
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.analysis import played_episode, stored_episode
 
-from .worlds import ACTOR, DEEP_Q, LAKE, MAZE, one_hot, table_potential
+from .worlds import ACTOR, DEEP_Q, LAKE, MAZE, generator_states, one_hot, table_potential
 
 KWARGS = {"features_extractor_class": SmallCNN, "normalize_images": False}
 CNN = DeepLearner(
@@ -58,11 +58,11 @@ def test_the_policy_is_that_of_the_best_last_return(lake):
 
 
 def test_a_policy_leaves_the_random_generators_alone(lake):
-    before = models.generator_states()
+    before = generator_states()
     sampled, again, other = (
         lake.policies[0].episode(seed=seed, deterministic=False) for seed in (1, 1, 2)
     )
-    after = models.generator_states()
+    after = generator_states()
     assert torch.equal(before[2], after[2])
     assert np.array_equal(before[1][1], after[1][1])
     assert sampled.actions.tolist() == again.actions.tolist() != other.actions.tolist()

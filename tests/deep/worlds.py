@@ -1,7 +1,10 @@
 """Small tasks whose observations are one-hot, so that a linear network is a table."""
 
+import random
+
 import gymnasium
 import numpy as np
+import torch
 from gymnasium.spaces import Box
 from gymnasium.wrappers import FlattenObservation
 
@@ -49,3 +52,8 @@ def table_potential(task, observed, table):
     mapping = cr.transfer.ObservationMapping(observed, task, lambda rows: rows.argmax(axis=1))
     edge = cr.Transfer("source", "target", mapping)
     return cr.transfer.ObservationPotential(observed, [edge], [cr.transfer.TableValues(table)])
+
+
+def generator_states():
+    """Return the states of the generators that Stable-Baselines3 draws from."""
+    return random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002

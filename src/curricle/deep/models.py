@@ -1,6 +1,5 @@
 """Models of Stable-Baselines3: made for a learner and a shaping, trained for a seed."""
 
-import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -37,7 +36,7 @@ from curricle.learning.stopping import Budget, StoppingKernel, limits
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import nothing
 from curricle.tasks.kernel import splitmix64, stream_start
-from curricle.tasks.observation_task import ObservationTask
+from curricle.tasks.observation_task import ObservationTask, shared_restored
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import Environments, mean_episode_return
 
@@ -181,25 +180,19 @@ def network_values(
 # -- the random numbers and threads of Stable-Baselines3 -------------------------------------------
 
 
-def generator_states() -> tuple[tuple[Any, ...], Any, torch.Tensor]:
-    """Return the states of the generators that Stable-Baselines3 draws from."""
-    return random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
-
-
 @contextmanager
 def isolated(threads: int | None = None, seed: int | None = None) -> Iterator[None]:
     """Set torch's threads and seed where given; restore threads and generators afterwards."""
-    before, states = torch.get_num_threads(), generator_states()
-    torch.set_num_threads(threads or before)
+    threads_before, torch_before = torch.get_num_threads(), torch.get_rng_state()
+    torch.set_num_threads(threads or threads_before)
     if seed is not None:
         torch.manual_seed(seed % 2**63)
     try:
-        yield
+        with shared_restored():
+            yield
     finally:
-        torch.set_num_threads(before)
-        random.setstate(states[0])
-        np.random.set_state(states[1])  # noqa: NPY002
-        torch.set_rng_state(states[2])
+        torch.set_num_threads(threads_before)
+        torch.set_rng_state(torch_before)
 
 
 # -- training one seed -----------------------------------------------------------------------------
