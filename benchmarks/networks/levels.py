@@ -1,4 +1,4 @@
-"""MiniGrid's levels with some of its actions or smaller rooms, control on a grid, a bonus."""
+"""MiniGrid levels with some actions or smaller rooms, control on a grid or by force, a bonus."""
 
 import inspect
 
@@ -52,6 +52,13 @@ def rooms(id, side):
     level = env.unwrapped
     level.room_size = side
     level.width, level.height = ((side - 1) * n + 1 for n in (level.num_cols, level.num_rows))
+    return env
+
+
+def car(force):
+    """Return the mountain car with another engine than its own, which has force 0.001."""
+    env = gym.make("MountainCar-v0")
+    env.unwrapped.force = force
     return env
 
 

@@ -12,6 +12,7 @@ KINDS = {
     "pursuit": "two predators learn to hunt from the values of one",
     "gymnasium": "a slippery lake learnt from one that is not",
     "deep": "a network learns three walls from solved levels of one wall",
+    "stages": "a network fetches a key and opens a door in ever larger rooms",
 }
 """Name of a ready file, which runs unchanged -> its subject."""
 
