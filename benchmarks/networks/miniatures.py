@@ -1,16 +1,12 @@
 """The study of miniatures: ten targets, six hard targets, and four that settings are chosen on.
 
-    python -m benchmarks.networks.miniatures [--targets ...] [--seeds 5] [--workers 2] [--out DIR]
+    python -m benchmarks.networks.miniatures [--targets ...] [--seeds 8] [--workers 2] [--out DIR]
 
-Each target's results are a study's: a stopped run goes on, and `curricle show` reads them. Printed
-here are the steps and seconds that the miniatures take (`--price`: these alone), and for every arm
-
-- start: the target's return before its first step there;
-- area: the mean return over all steps, 60,000 and those of the miniatures' models, which come
-  before the first return; and that over 60,000 steps with the models' steps free;
-- end: the last return.
-
-Of the hard targets (hard.toml) the returns at all checkpoints are printed.
+Each target's results are a study's: a stopped run goes on, and `curricle show` reads them. At the
+end the table of docs/networks.md is printed, of all targets in DIR. Its areas are mean returns over
+all steps, 60,000 and those of the miniatures' models, which come before the first return; gains are
+over the best opponent, and p is corrected for the number of targets (Holm). The steps and seconds
+that miniatures take are printed by `--price`, of hard targets (hard.toml) all checkpoints.
 
 Brackets are 95 % intervals over seeds; returns are undiscounted. Actions of actor-critics are drawn
 from their policy where observations hide a part of the state, DQN's are greedy.
@@ -18,17 +14,26 @@ from their policy where observations hide a part of the state, DQN's are greedy.
 
 import argparse
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.published.__main__ import markdown
 from curricle import GreedyEvaluation, read_study, run_study
-from curricle.statistics import Curve, mean_interval, mean_return
+from curricle.comparison.sentences import share_saved, short
+from curricle.comparison.verdicts import SIGNIFICANT
+from curricle.statistics import mean_interval
+from curricle.statistics.curves import SCRATCH
+from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyConfig, StudyResults, WorkerProcesses
 
 FILE = Path(__file__).with_suffix(".toml")
 HARD_FILE = FILE.with_name("hard.toml")
 TIMED = 4_096  # steps of PPO
+ARM, NO_DIFFERENCE = "distilled", "no difference shown"
+HEADS = ("target", "models' steps", "opponents' and placebo's areas", "distilled: start, area, end")
+HEADS += ("gain over the best opponent", "verdict", "steps saved", "models free: gain")
 
 
 def level(target: str, *members: str, seen: str) -> list[str]:
@@ -42,11 +47,14 @@ def level(target: str, *members: str, seen: str) -> list[str]:
 CAR = ["envs=16", *(f"settings.{x}" for x in ("n_steps=16", "n_epochs=4", "gae_lambda=0.98"))]
 SWING = ["envs=4"]
 SWING += [f"settings.{x}" for x in ("normalize=false", "n_steps=1_024", "learning_rate=1e-3")]
+# QR-DQN plays these two alone: in MiniGrid its area was .03 at most.
 CAR_QR = ["learning_rate=4e-3", "batch_size=128", "buffer_size=10_000", "train_freq=16"]
 CAR_QR += ["gradient_steps=8", "target_update_interval=600", "exploration_fraction=0.2"]
 CAR_QR += ["exploration_final_eps=0.07", "policy_kwargs.net_arch=[256, 256]"]
 # Zoo's QR-DQN knows no pendulum: it has a gradient step at every step, and the rate of Zoo's PPO.
-SWING_QR = ["learning_rate=1e-3", "train_freq=1"]
+SWING_QR = ["learning_rate=1e-3", "batch_size=64", "buffer_size=60_000", "train_freq=1"]
+SWING_QR += ["gradient_steps=1", "target_update_interval=1_000", "exploration_fraction=0.3"]
+SWING_QR += ["exploration_final_eps=0.05", "policy_kwargs.net_arch=[128, 128]"]
 
 
 def control(name: str, points: int, held: int, zoo: list[str], qr: list[str]) -> list[str]:
@@ -67,7 +75,10 @@ def control(name: str, points: int, held: int, zoo: list[str], qr: list[str]) ->
         f"tasks.small.discount={0.99**held}",
         "learner.settings.normalize={ norm_reward = false }",
         *(f"{learner}.{x}" for x in zoo for learner in ("learner", "scratch_learners.zoo")),
+        "scratch_learners.QR-DQN.algorithm=QRDQN",
         "scratch_learners.QR-DQN.envs=1",
+        "scratch_learners.QR-DQN.settings.learning_starts=1_000",
+        "scratch_learners.QR-DQN.settings.policy_kwargs.n_quantiles=25",
         *(f"scratch_learners.QR-DQN.settings.{x}" for x in qr),
     ]
 
@@ -144,17 +155,36 @@ def learned(results: StudyResults) -> None:
             print(f"{steps:>8,}{shown(returns):>24}")
 
 
-def table(results: StudyResults) -> None:
-    """Print the start, the areas and the end of each arm over the seeds that all have finished."""
-    comparison = results.comparison
-    print(f"{'arm':<28}{'start':>8}{'area':>24}{'model steps free':>24}{'end':>24}")
-    n = comparison.budget // results.record.eval_freq + 1
-    for name, arm in comparison.arms.items():
-        charged, free = arm.charged(comparison.scratch), arm.curve
-        free = Curve(free.steps[:n], free.values[:, :n])
-        areas = [shown(mean_return(curve)) for curve in (charged, free)]
-        end = shown(charged.values[:, -1])
-        print(f"{name:<28}{free.values[:, 0].mean():>8.2f}{areas[0]:>24}{areas[1]:>24}{end:>24}")
+def rows(made: dict[str, StudyResults]) -> Iterator[tuple[str, ...]]:
+    """Yield a row of each target, with the verdict on its arm; p corrected for their number."""
+    judged = [results.comparison for results in made.values()]
+    corrected = holm([of.contrasts[ARM].p for of in judged])
+    for target, of, p in zip(made, judged, corrected, strict=True):
+        contrast, best = of.contrasts[ARM], of.best_opponent(ARM)
+        others = [arm for arm in of.shown if arm != ARM]
+        returns = of.arms[ARM].curve.values.mean(axis=0)
+        yield (
+            target,
+            f"{int(made[target].source_steps(ARM)[0]):,}",
+            ", ".join(f"{short_name(arm)} {of.mean_return(arm).estimate:.3g}" for arm in others),
+            f"{returns[0]:.3g}, {short(of.mean_return(ARM))}, {returns[-1]:.3g}",
+            f"{short(contrast.strong_gain)} ({short_name(best)})",
+            f"{contrast.answer if p < SIGNIFICANT else NO_DIFFERENCE}, p = {p:.2g}",
+            share_saved(of, ARM),
+            short(contrast.weak_gain),
+        )
+
+
+def short_name(arm: str) -> str:
+    """Return an arm's name in the table: PPO is the learner from scratch."""
+    return arm.removeprefix(f"{SCRATCH}, ").removeprefix(f"{ARM}, ").replace(SCRATCH, "PPO")
+
+
+def finished(folder: Path) -> dict[str, StudyResults]:
+    """Return the results of the targets of which a folder has all seeds."""
+    there = [name for name in TARGETS if (folder / name / "results.parquet").exists()]
+    made = {name: StudyResults(folder / name) for name in there}
+    return {name: results for name, results in made.items() if not results.comparison.interim}
 
 
 def shown(values: np.ndarray) -> str:
@@ -191,7 +221,7 @@ def price(study: StudyConfig) -> str:
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--targets", nargs="*", default=list(TARGETS), choices=list(ALL))
-    options.add_argument("--seeds", type=int, default=5)
+    options.add_argument("--seeds", type=int, default=8)
     options.add_argument("--workers", type=int, default=2)
     options.add_argument("--out", type=Path, default=Path("miniatures-results"))
     options.add_argument("--price", action="store_true", help="print what the miniatures cost")
@@ -204,8 +234,10 @@ def main() -> None:
             continue
         with WorkerProcesses(chosen.workers) as executor:
             results = run_study(study, chosen.out / target, executor=executor, resume=True)
-        (learned if target in HARD else table)(results)
+        if target in HARD:
+            learned(results)
         print(price(study), flush=True)
+    print(markdown(HEADS, rows(finished(chosen.out))))
 
 
 if __name__ == "__main__":
