@@ -290,6 +290,13 @@ def robots(tmp_path):
     return tmp_path
 
 
+def allow(monkeypatch, seconds):
+    """Let each search of a new study take so many seconds."""
+    for module in ("environment", "variants"):
+        for limit in ("SECONDS", "SMALL"):
+            monkeypatch.setattr(f"curricle.study.templates.{module}.{limit}", seconds)
+
+
 def test_a_class_of_ones_own_is_tabulated_and_easier_variants_are_proposed(curricle, robots):
     code, out, complaint = curricle("new", "robots:Robot")
     assert code == 0, complaint
@@ -379,7 +386,8 @@ def test_masks_that_observations_do_not_tell_are_left_out(robots):
     assert "action_masks" not in text
 
 
-def test_whole_numbers_in_a_box_of_floats_are_states(robots):
+def test_whole_numbers_in_a_box_of_floats_are_states(robots, monkeypatch):
+    allow(monkeypatch, 0.5)  # too few for its states
     file, text, notes = new_study("robots:Vast", robots)
     assert any("its numbers are sorted into" in note for note in notes), notes
     assert 'type = "WholeNumbers"' in text
@@ -396,6 +404,7 @@ def test_fractions_of_few_values_are_tabulated(robots):
 
 def test_a_few_numbers_are_binned_and_a_live_relative_is_scored_by_returns(robots, monkeypatch):
     monkeypatch.setattr("curricle.study.templates.environment.QUICK", 0)  # on any machine
+    monkeypatch.setattr("curricle.study.templates.environment.SMALL", 0.5)  # it has no table
     file, text, notes = new_study("robots:Drifting", robots)
     assert "its observations are no whole numbers, nor few" in notes[0]
     assert "its numbers are sorted into 20 states" in notes[1]
