@@ -148,7 +148,7 @@ def new(
     kind: Annotated[
         str | None,
         Argument(
-            help="maze, pursuit, gymnasium or deep; any id of Gymnasium's registry; or a class of "
+            help="maze, pursuit, gymnasium, deep or stages; any id of Gymnasium's registry; or a class of "
             "yours, module:Class. Left out, they are listed.",
             autocompletion=lambda: list(KINDS),
             show_default=False,
