@@ -38,6 +38,7 @@ from curricle.checks import brief
 from curricle.errors import SettingError
 
 BETWEEN = 0.2  # seconds between two pictures of the bars in a notebook, at least
+BETWEEN_LINES = 10.0  # seconds between two lines where there are no bars, at least
 DELAY = 2.0  # seconds before bars are shown by default
 
 Progress = Union[bool, Callable[[Any], Any], "Bars", None]  # bars: the caller's
@@ -54,7 +55,7 @@ class Compilation(event.Listener):
 
     def __init__(self) -> None:
         self.loops, self.line, self.prints = 0, "", False
-        self.screens = 0  # how many show the line
+        self.screens, self.noted = 0, -np.inf  # how many show the line; when `note` last printed
         self._depth = 0  # Numba compiles in one thread at a time
 
     def on_start(self, event: Any) -> None:
@@ -75,6 +76,12 @@ class Compilation(event.Listener):
         if not self._depth:
             self._write(f"\r{' ' * len(self.line)}\r")
             self.line = ""
+
+    def note(self, text: str, wait: float = 0.0) -> None:
+        """Print a line of a command, unless it printed one `wait` seconds ago."""
+        if self.prints and monotonic() - self.noted >= wait:
+            self.noted = monotonic()
+            print(f"curricle: {text}", file=sys.stderr, flush=True)
 
     def _write(self, text: str) -> None:
         if self.prints and not self.screens and sys.stderr.isatty():
@@ -222,16 +229,20 @@ class Bars:
             self.screen.parts[self.rows[f"{self.prefix}{name}"]] = part
 
     def say(self, sentence: str) -> None:
-        """Print a sentence, if any, above the bars at once, where bars are shown."""
+        """Print a sentence, if any, above the bars at once, or as a command does without bars."""
         if self.screen is not None and sentence:
             self.screen.console.print(sentence, markup=False, highlight=False)
+        elif sentence:
+            compilation().note(sentence)
 
-    def at(self, name: str, done: int, total: int | None = None) -> None:
-        """Set the bar of work whose size changes, or is not known."""
+    def at(self, name: str, done: int, total: int | None = None, text: str = "") -> None:
+        """Set the bar of work whose size changes, or is not known, maybe with a text beside it."""
         grow = self.bar(name)
         if self.screen is not None:
-            task = self.rows[f"{self.prefix}{name}"]
-            self.screen.update(task, completed=done - 1, total=total)
+            row, description = self.rows[f"{self.prefix}{name}"], f"{self.prefix}{text or name}"
+            self.screen.update(row, completed=done - 1, total=total, description=description)
+        elif text:
+            compilation().note(text, wait=BETWEEN_LINES)
         grow()
 
     def tell(self, part: object) -> None:

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from curricle.files import Place, place_at
-from curricle.progress import Bars, compilation, nothing, shown
+from curricle.progress import BETWEEN_LINES, Bars, compilation, nothing, shown
 from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.results import StudyResults
@@ -22,8 +22,6 @@ from curricle.study.workers import WorkerProcesses, dask_cluster
 from curricle.text import counted
 
 # -- Running a study from the command line: bars on a terminal, and lines where there is none ------
-
-BETWEEN = 10.0  # seconds between two lines at least, but for a line at each tenth of the units
 
 
 class Lines:
@@ -40,7 +38,7 @@ class Lines:
             line = self.pace.line()
             if not progress.tuning:  # of which there are many small parts
                 tenth = 10 * self.pace.stored // len(progress.units)
-            if now - self._printed < BETWEEN and tenth <= self._tenth:
+            if now - self._printed < BETWEEN_LINES and tenth <= self._tenth:
                 return
         if line:
             self._printed, self._tenth = now, tenth

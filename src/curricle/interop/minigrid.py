@@ -19,9 +19,11 @@ from curricle.interop.states import (
     Environment,
     Restored,
     StateAccess,
+    Uncounted,
     Words,
     fingerprint,
     left_out,
+    time_before,
 )
 from curricle.interop.tabulated_task import Unseen
 from curricle.tasks.minigrid_view import CompiledView, MiniGrid, is_minigrid, observes_itself
@@ -199,31 +201,22 @@ def _pay_one(env: Environment) -> str:
     return "goal reward 1"
 
 
-def _time(number: int, env: MiniGrid) -> int:
-    """Return a time before an episode's end; times of consecutive numbers are far apart."""
-    return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))
-
-
 TIME_HINT = ", and may depend on the time only with state=MiniGridState(own_reward=True)"
 
 
-class _TimelessCopies(Copies):
-    """Copies at all times of an episode in turn, so that repeated steps differ if it matters."""
-
-    hint = TIME_HINT
+class _TimelessCopies(Uncounted):
+    """Copies without MiniGrid's counter, whose goal pays 1."""
 
     def __init__(self) -> None:
-        super().__init__(frozenset({"step_count"}))
-        self.times = count()
+        super().__init__({"step_count": 0}, 0)
+        self.hint = TIME_HINT
 
     def prepare(self, env: Environment) -> None:
         self.note = _pay_one(env)
 
-    def restore(self, env: Environment, content: object) -> Restored:
-        restored = super().restore(env, content)
-        base: Any = restored.env.unwrapped
-        base.step_count = _time(next(self.times), base)
-        return restored
+    def restore(self, env: Environment, content: Any) -> Restored:
+        self.longest = content.env.unwrapped.max_steps  # which a reset may set
+        return super().restore(env, content)
 
 
 class _View(Unseen, UserDict[str, Any]):
@@ -320,7 +313,7 @@ class MiniGridAccess(StateAccess):
         if level.values_of_plain(vars(base)) != plain:
             vars(base).update(zip([*level.plain, "mission"], plain, strict=True))
         # Without a time in the states a repeated step is at another time than the first.
-        base.step_count = step if self.own_reward else _time(next(self.times), base)
+        base.step_count = step if self.own_reward else time_before(next(self.times), base.max_steps)
         return Restored(env, (base.np_random,))
 
     def observation(self, env: Environment, returned: object) -> object:

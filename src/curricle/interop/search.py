@@ -6,7 +6,8 @@ import time
 from array import array
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from copy import deepcopy
+from contextlib import suppress
+from copy import copy, deepcopy
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
@@ -32,13 +33,17 @@ from curricle.interop.states import (
     words_of_state,
 )
 from curricle.interop.tabulated_task import same_observation
+from curricle.progress import DELAY
 from curricle.tasks.live import RETURNED, action_mask, seeded_reset, wrong_parts
 from curricle.tasks.mdp import SINGLE_PRECISION
 from curricle.tasks.models import flag_of, number_of
 from curricle.tasks.observation_task import layers_of, shared_restored
+from curricle.text import duration
 
 MORE_RESETS = 8  # with other seeds, to see whether the states that they lead to differ
 INTERVAL = 0.5  # seconds between two reports of progress
+WARM = 1.0  # seconds after which the pace so far counts
+PROBE = 5.0  # seconds in which the states of the first reset show what a search will take
 
 
 class Reached(NamedTuple):
@@ -78,7 +83,7 @@ class Search:
         stepper: "World | ListedOutcomes",
         max_states: int,
         max_seconds: float,
-        show: Callable[[str, int, int], object],  # a sentence; states done and found
+        show: Callable[[str, int], object],  # a sentence, and the states done
     ):
         self.stepper, self.show = stepper, show
         self.max_states, self.max_seconds = max_states, max_seconds
@@ -89,18 +94,18 @@ class Search:
         self.first = list[int]()  # the state that each start leads to
         self.several = False  # whether resets lead to different states
         self.cut = 0  # states from which nothing goes on, as episodes are truncated there
-        self.seconds = 0.0
+        self.seconds, self.done = 0.0, 0  # states whose actions have been taken
         self._numbers = dict[tuple[Hashable, bool], int]()
         # The states whose actions are to be taken: number, content, available actions.
-        self._queue = deque[tuple[int, object, tuple[bool, ...] | None]]()
+        self.queue = deque[tuple[int, object, tuple[bool, ...] | None]]()
         self._queued = bytearray()  # of each state, how often it was put into the queue
-        self._done = bytearray()  # of each state, whether its actions have been taken
+        self._done = bytearray()  # of each state, whether it is done
         self._led = dict[int, tuple[int, float]]()  # where a pair led, if states are tried twice
         self._tries = 1 + stepper.witnessed  # of each state
         self._last: Any = None  # the environment in the state that was reached last
 
     def run(self) -> Self:
-        """Search to the end and return the search; TaskError when a limit is reached before."""
+        """Search to the end and return the search; TaskError as soon as a limit will be reached."""
         stepper, n_actions, seeds = self.stepper, self.stepper.n_actions, self.stepper.seeds
         began = shown = time.perf_counter()
         for seed in seeds:
@@ -114,9 +119,8 @@ class Search:
                     "self.np_random alone"
                 )
             self.first.append(number)
-        expanded = 0
-        while self._queue:
-            number, content, available = self._queue.popleft()
+        while self.queue:
+            number, content, available = self.queue.popleft()
             again, self._done[number] = self._done[number], True
             for action in range(n_actions):
                 if available is not None and not available[action]:
@@ -136,20 +140,22 @@ class Search:
                     )
                     raise
                 now, n_states = time.perf_counter(), len(self.states)
-                if now - began > self.max_seconds:
+                self.seconds = now - began
+                least = self.seconds * n_states / (self.done + 1) if self.seconds > WARM else 0.0
+                if max(self.seconds, least) > self.max_seconds:
                     raise TaskError(
                         f"a table must be complete within max_seconds, {self.max_seconds:g}: "
-                        f"tabulating {stepper.name} had found {n_states:,} states by then and "
-                        f"done {expanded:,} of them{self._hint()}"
+                        f"tabulating {stepper.name} has found {n_states:,} states in "
+                        f"{duration(self.seconds)} and done {self.done:,} of them{self.hint()}"
                     )
                 if now - shown > INTERVAL:
-                    shown, speed = now, len(self.pair) / (now - began)
+                    shown = now
                     sentence = (
-                        f"tabulating {stepper.name}: {n_states:,} states, {expanded:,} done, "
-                        f"{speed:,.0f} transitions a second"
+                        f"tabulating {stepper.name}: {n_states:,} states, {self.done:,} done, "
+                        f"{stepper.transitions:,} steps in {duration(self.seconds)}"
                     )
-                    self.show(sentence, expanded, n_states)
-            expanded += not again
+                    self.show(sentence, self.done)
+            self.done += not again
         for number, state in enumerate(self.states):
             if not (self._queued[number] or state.terminal):
                 self.cut += 1
@@ -160,6 +166,12 @@ class Search:
         self.several = len({*self.first}) > 1 or not all(starts)
         self.seconds = time.perf_counter() - began
         return self
+
+    def is_near(self, start: Reached) -> bool:
+        """Return whether a start, or where one of its actions leads, is found."""
+        actions = np.flatnonzero(start.available or [True] * self.stepper.n_actions).tolist()
+        ways = (reached for a in actions for reached in self.stepper.outcomes(start.content, a))
+        return any((to.key, to.terminated) in self._numbers for to in (start, *ways))
 
     def _add(self, pair: int, after: int, probability: float, reward: float) -> None:
         """Add a row to the table of outcomes: a pair that leads to the state `after`."""
@@ -177,7 +189,7 @@ class Search:
             if number >= self.max_states:
                 raise TaskError(
                     f"a table may have at most max_states, {self.max_states:,} states: tabulating "
-                    f"{self.stepper.name} found more{self._hint()}"
+                    f"{self.stepper.name} found more{self.hint()}"
                 )
             observation, components = self.stepper.look(reached)
             observation = deepcopy(observation)  # which a step may change
@@ -187,11 +199,11 @@ class Search:
             self._done.append(False)
         goes_on = not (reached.terminated or reached.truncated)
         if goes_on and self._queued[number] < self._tries:
-            self._queue.append((number, reached.content, reached.available))
+            self.queue.append((number, reached.content, reached.available))
             self._queued[number] += 1
         return number
 
-    def _hint(self) -> str:
+    def hint(self) -> str:
         """Return why there are many states: a part that counts steps, or that has most values."""
         of_states = [state.components for state in self.states]
         before = np.array(self.pair, np.int64) // self.stepper.n_actions
@@ -217,6 +229,33 @@ class Search:
         if 2 * len(different) > len(of_states):
             hint = f", and {name!r} has the most values, {len(values[name]):,}"
         return f"{hint}; from_gymnasium plays it live" * (len(of_states) > 1)
+
+
+def price(world: "World", max_states: int, max_seconds: float) -> str:
+    """Return about what a search from several resets takes, as text, or nothing if that is little.
+
+    What is found from the first of them is as large a share of all states as of the resets.
+    TaskError where that is twice what a search may take, as levels are not equally large.
+    """
+    first, share = copy(world), 1.0
+    first.seeds = world.seeds[:1]
+    probe = Search(first, max_states, min(PROBE, max_seconds / 10), lambda *_: None)
+    with suppress(TaskError):  # the search itself will meet it again
+        probe.run()
+    with suppress(TaskError):
+        share = float(np.mean([probe.is_near(first.start(seed)) for seed in world.seeds]))
+    whole = (1 + len(probe.queue) / max(probe.done, 1)) / share
+    states, seconds = len(probe.states) / share, probe.seconds * whole
+    text = (
+        f"{'more than' if probe.queue else 'about'} {states:,.0f} states, "
+        f"{len(probe.pair) * whole:,.0f} steps and {duration(seconds)}"
+    )
+    if states > 2 * max_states or seconds > 2 * max_seconds:
+        raise TaskError(
+            f"a table may have max_states, {max_states:,}, and take max_seconds, {max_seconds:g}: "
+            f"by the first of its resets {world.name} takes {text}{probe.hint()}; fewer take less"
+        )
+    return f"tabulating {world.name} takes {text}" if seconds > DELAY else ""
 
 
 REPETITIONS = 8  # of a step that draws random numbers; one that draws none is taken twice

@@ -10,6 +10,7 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
+from itertools import count
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any, NamedTuple
 
@@ -356,6 +357,31 @@ class Copies(StateAccess):
         """Return the plain attributes of the environment."""
         attributes, ignored = vars(env.unwrapped).items(), self.ignored | left_out(env)
         return words_of_state({name: value for name, value in attributes if name not in ignored})
+
+
+def time_before(number: int, end: int) -> int:
+    """Return a time before an episode's end; times of consecutive numbers are far apart."""
+    return int(number * 0.618034 % 1 * max(1, end - 1))
+
+
+class Uncounted(Copies):
+    """Copies at all counts of an episode in turn, so that repeated steps differ if it matters."""
+
+    def __init__(self, counters: Mapping[str, int], longest: int):
+        super().__init__(frozenset(counters))
+        self.counters, self.longest, self.times = counters, longest, count()  # counts at first
+        self.hint = f", and may depend on {' and '.join(counters)} only with state=DeepCopy()"
+
+    def open(self) -> StateAccess:
+        """Return itself, which serves one tabulation."""
+        return self
+
+    def restore(self, env: Environment, content: object) -> Restored:
+        """Return a copy at another count than the last, and its generators."""
+        restored, taken = super().restore(env, content), time_before(next(self.times), self.longest)
+        for name, first in self.counters.items():
+            setattr(restored.env.unwrapped, name, first + taken)
+        return restored
 
 
 class ObservedCopies(Copies):

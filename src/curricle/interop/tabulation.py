@@ -41,6 +41,7 @@ from curricle.interop.search import (
     Search,
     World,
     core_and_views,
+    price,
     time_limit_of,
 )
 from curricle.interop.states import DeepCopy, SaveAndRestore, Words, copied, shared_draws
@@ -109,12 +110,12 @@ class Plan:
     """How an environment is tabulated."""
 
     seeds: Any
-    state: Any
-    outcomes: Listed | None
-    samples: int | None
-    max_states: int
-    max_seconds: float
-    progress: bool | Callable[[str], Any] | None
+    state: Any = None
+    outcomes: Listed | None = None
+    samples: int | None = None
+    max_states: int = MOST_STATES
+    max_seconds: float = MOST_SECONDS
+    progress: bool | Callable[[str], Any] | None = None
     action_masks: bool = False
 
     def __post_init__(self) -> None:
@@ -200,16 +201,15 @@ class Plan:
         return tables, record
 
     def _explored(self, source: World | ListedOutcomes) -> Search:
-        """Return the finished search, and show its progress where `progress` asks for it."""
-        line = f"tabulating {source.name}"
-        with shown(self.progress, lambda: line) as bars:
+        """Return the finished search; show its price and its progress as `progress` asks for."""
+        with shown(self.progress) as bars:
 
-            def show(sentence: str, done: int, _: int) -> None:
-                nonlocal line
-                line = sentence
-                bars.at(source.name, done)  # how many there are is not known before the end
+            def show(sentence: str, done: int) -> None:
+                bars.at(source.name, done, text=sentence)  # how many there are is not known yet
                 bars.tell(sentence)
 
+            if isinstance(source, World) and len(self.seeds) > 1 and self.samples is None:
+                bars.say(price(source, self.max_states, self.max_seconds))
             search = Search(source, self.max_states, self.max_seconds, show).run()
             bars.at(source.name, len(search.states), len(search.states))
             return search
@@ -516,7 +516,7 @@ def steps_checked(world: World, tables: Tables) -> int:
         _, way = way_to(before, int(rng.choice(np.flatnonzero(before[:, 0] > NO_WAY))))
         observed, _ = world.env.reset(seed=seed)
         possible, truncated, taken = {first}, False, 0
-        _looking_like(observed, possible, tables, f"a reset with seed {seed}", world.name)
+        _looking_like(observed, possible, tables, f"a reset with seed {seed}", world)
         most = len(way) + STEPS // WALKS
         while not truncated and taken < most and not tables.terminal[list(possible)].any():
             pairs = min(possible) * n_actions + np.arange(n_actions)
@@ -541,7 +541,7 @@ def steps_checked(world: World, tables: Tables) -> int:
                 )
                 reached.update(tables.next_state[pair][fits].tolist())
             where = f"step {taken} after a reset with seed {seed}, action {action}"
-            possible = _looking_like(observed, reached, tables, where, world.name)
+            possible = _looking_like(observed, reached, tables, where, world)
         steps += taken
         if steps >= STEPS:
             break
@@ -549,7 +549,7 @@ def steps_checked(world: World, tables: Tables) -> int:
 
 
 def _looking_like(
-    observed: object, possible: set[int], tables: Tables, where: str, name: str
+    observed: object, possible: set[int], tables: Tables, where: str, world: World
 ) -> set[int]:
     """Return the possible states with this observation; TaskError if there are none."""
     if tables.observations is not None:
@@ -562,7 +562,7 @@ def _looking_like(
     if not possible:
         raise TaskError(
             "tables must agree with the environment, so every part of a state that matters must "
-            f"be saved and compared: {where} led elsewhere in {name}"
+            f"be saved and compared{world.access.hint}: {where} led elsewhere in {world.name}"
         )
     return possible
 

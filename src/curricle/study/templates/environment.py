@@ -26,10 +26,10 @@ from curricle.errors import ConfigError, TaskError
 from curricle.interop.discrete import is_discrete, space_of
 from curricle.interop.encoders import Bins, WholeNumbers
 from curricle.interop.gymnasium import from_gymnasium, has_table, names_of, opened
+from curricle.interop.play import EPISODES, PLAYED, Play
 from curricle.interop.search import MORE_RESETS, time_limit_of
 from curricle.interop.states import DeepCopy
 from curricle.interop.tabulation import tabulate
-from curricle.study.templates.play import EPISODES, PLAYED, Play
 from curricle.study.templates.variants import (
     BUDGETS,
     GRID,

@@ -12,12 +12,12 @@ from gymnasium import Env
 from gymnasium.spaces import Box
 
 from curricle.interop.encoders import Bins, WholeNumbers
-from curricle.interop.gymnasium import actions_of
-from curricle.interop.states import Words, counters_of, words_of_state
+from curricle.interop.gymnasium import actions_of, has_table
+from curricle.interop.states import Uncounted, Words, counters_of, words_of_state
 from curricle.interop.tabulated_task import parts_of, same_observation
 from curricle.tasks.live import action_mask, checked_parts, seeded_reset
 from curricle.tasks.minigrid_view import is_minigrid
-from curricle.tasks.observation_task import check_observation
+from curricle.tasks.observation_task import check_observation, shared_restored
 
 PLAYED, EPISODES, LONGEST = 2.0, 6, 1_000  # seconds, episodes, and steps of an episode
 LIMITS = "steps|limit|horizon|length"  # in names of attributes that say how long episodes are
@@ -166,3 +166,13 @@ class Play:
             high = high if high > low else low + 1  # a number that never changes
             edges[name] = [float(f"{x:.4g}") for x in np.linspace(low, high, number + 1)]
         return Bins(edges)
+
+
+def without_counters(env: Env[Any, Any]) -> Uncounted | None:
+    """Return how states are saved without counters of steps; None if it has none."""
+    if is_minigrid(env) or has_table(env):  # whose states are not copies
+        return None
+    with shared_restored():
+        play = Play(env)
+        counters = {name: int(play.attributes[0][name]) for name in play.counters}
+        return Uncounted(counters, play.limit or max(play.times)) if counters else None
