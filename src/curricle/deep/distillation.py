@@ -161,9 +161,7 @@ def learn_miniatures(
                     f"held-out levels if there are any: it goes {regained:.0%} of the way from "
                     f"the random policy to the optimum of {task}"
                 )
-            # With the steps that it is charged, and no episode.
-            spent = task.cost, 0, 0
-            outcomes.append(Outcome(record, network, *spent, ALL_STEPS, NEVER_STOPS))  # type: ignore[arg-type]
+            outcomes.append(Outcome(record, network, task.cost, 0, 0, ALL_STEPS, NEVER_STOPS))  # type: ignore[arg-type]
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)

@@ -415,9 +415,8 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     - ``potential``, an :class:`ObservationPotential`;
     - ``reads``, the part of phi that the residual reads besides the observation, standardised by
       the first batch: "actions", phi(s, .), the default for fewer than 32 actions; "state", Phi(s)
-      = max_a phi(s, a), the default for more; or "nothing". A linear residual that reads nothing
-      learns what Q-learning from phi learns (Wiewiora 2003); but a network that reads the
-      observation alone may diverge where phi jumps, as tables do between cells.
+      = max_a phi(s, a), the default for more; or "nothing", with which a linear residual learns
+      what Q-learning from phi learns (Wiewiora 2003), but others may diverge where phi jumps.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.learner import DeepLearner, check_spaces
-from curricle.deep.miniature import Miniatures, actor_of
+from curricle.deep.miniature import Miniatures
 from curricle.errors import CurricleError, SettingError
 from curricle.files import local_file, read_saved, write_in_folder
 from curricle.interop.tabulated_task import check_sight
@@ -295,10 +295,12 @@ def policies_of(
     return tuple(policies)
 
 
-def policy_return(potential: object, target: ObservationTarget, *, seed: int = 0) -> float:
+def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -> float:
     """Return the mean return in a target of the actor of a potential's only source; NaN if none."""
-    source = actor_of(potential)
-    if source is None:
+    edges, sources = ([*getattr(potential, name, ())] for name in ("edges", "values"))
+    # It must read the same observations.
+    source: Any = sources[0] if len(sources) == 1 and edges[0].mapping.is_identity else None
+    if getattr(source, "kind", "") != "value_net":
         return float("nan")
     from curricle.deep.models import isolated  # needs torch, as what follows
     from curricle.deep.networks import acting
@@ -342,12 +344,8 @@ def learn_deep(
         As in :func:`learn`; but results may differ with torch's version and the machine.
     shaping : Shaping or sequence of K Shaping, optional
         One for all seeds or one a seed, with an :class:`ObservationPotential` or ``ValueSource``:
-
-        - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q(s, a) = phi(s, a) + residual(s, a)
-          wherever DQN reads its network; the residual starts at 0 (Wiewiora 2003).
-        - :class:`StateShaping`: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
-        - :class:`WeightTransfer`, :class:`PolicyReuse`: the learner takes over the only source's
-          network, or the sources' policy without their values.
+        :class:`QInitialisation` or :class:`LookAheadAdvice` of DQN, :class:`StateShaping` of any
+        algorithm, :class:`WeightTransfer` or :class:`PolicyReuse` of a source that is a network.
     eval_freq, stream, charged
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional

@@ -1,10 +1,11 @@
 """Miniatures: small relatives of a task, which are solved exactly and distilled into networks."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 from weakref import WeakSet
 
 import numpy as np
@@ -12,19 +13,18 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
+from curricle.interop.play import without_counters
 from curricle.interop.tabulated_task import TabulatedTask, assembled, parts_of
-from curricle.interop.tabulation import tabulate
+from curricle.interop.tabulation import MOST_SECONDS, Plan, tabulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.graph import edges_of
 from curricle.tasks.observation_task import ObservationTask, made_by
 from curricle.text import brief_repr
 
-if TYPE_CHECKING:
-    from curricle.deep.networks import NetworkValues
-
 RESETS = 200  # resets of each miniature that levels are taken from
 MOST_STATES = 100_000  # states of a miniature at most
 HELD_OUT = 0.2  # share of the levels that are held out
+TABLES = Plan(RESETS, max_states=MOST_STATES)  # how the tables of each member are made
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,15 +104,6 @@ class Knowledge(Frozen):
         return cls(rows_of(observations, first), *means, weight)
 
 
-def actor_of(values: object) -> "NetworkValues | None":
-    """Return a potential's network if it is the only source and reads the same observations."""
-    edges: Any = getattr(values, "edges", ())
-    sources: Any = getattr(values, "values", ())
-    if len(sources) != 1 or not edges[0].mapping.is_identity:
-        return None
-    return sources[0] if getattr(sources[0], "kind", "") == "value_net" else None
-
-
 def rows_of(observations: object, rows: IntArray | BoolArray) -> Any:
     """Return some of n stacked observations."""
     return assembled({name: part[rows] for name, part in parts_of(observations).items()})
@@ -124,28 +115,25 @@ class Miniatures(ObservationTask):
 
     members: tuple[ObservationTask, ...] = ()
     tested_on: tuple[ObservationTask, ...] = ()  # solved too, and all of whose levels are held out
-    resets: int = RESETS
+    plan: Plan = TABLES
     held_out: float = HELD_OUT
-    max_states: int = MOST_STATES
     charged: int = 1  # steps that an arm pays for each action in each state
     shuffled: bool = False  # whether each observation has the answer of another: a placebo
 
     def __repr__(self) -> str:
         names = ", ".join(made_by(member.make) for member in self.members)
         kind = ", not charged" * (not self.charged) + ", shuffled" * self.shuffled
-        return f"Miniatures({names}; {self.resets} resets{kind}, {self.shapes})"
+        return f"Miniatures({names}; {len(self.plan.seeds)} resets{kind}, {self.shapes})"
 
     @cached_property
     def solved(self) -> "tuple[SolvedMember, ...]":
         """The solved members, some of whose levels are held out at random."""
-        settings = self.resets, self.held_out, self.max_states
-        return tuple(SolvedMember.of(member, *settings) for member in self.members)
+        return tuple(SolvedMember.of(member, self.plan, self.held_out) for member in self.members)
 
     @cached_property
     def solved_tests(self) -> "tuple[SolvedMember, ...]":
         """The solved relatives for tests only, all of whose levels are held out."""
-        settings = self.resets, 1.0, self.max_states
-        return tuple(SolvedMember.of(member, *settings) for member in self.tested_on)
+        return tuple(SolvedMember.of(member, self.plan, 1.0) for member in self.tested_on)
 
     def knowledge(self, *, seed: int = 0) -> Knowledge:
         """Return the knowledge to distil: exact values and policies of all training levels."""
@@ -172,6 +160,8 @@ def miniatures(
     resets: int = RESETS,
     held_out: float = HELD_OUT,
     max_states: int = MOST_STATES,
+    max_seconds: float = MOST_SECONDS,
+    state: object = None,
     charged: int = 1,
     tested_on: Sequence[ObservationTask] = (),
 ) -> Miniatures:
@@ -184,8 +174,11 @@ def miniatures(
     ----------
     *members : ObservationTask
         Relatives with the observations and the actions of the task that is to learn from them.
-    resets, max_states : int
-        Resets and most states of each member.
+    resets : int
+        Resets of each member.
+    max_states, max_seconds, state : optional
+        Limits of each member's table, and how its states are saved, as in :func:`tabulate`; but by
+        default without counters of steps, which nothing else may depend on.
     held_out : float
         Share of levels to hold out, up to 0.9; at least one level of each member is not held out.
     charged : int
@@ -233,12 +226,12 @@ def miniatures(
     if first.n_actions is None:
         raise TaskError(f"miniatures need numbered actions: {first} has {first.actions}")
     whole_number("resets of miniatures", resets, 1, TaskError)
-    whole_number("max_states of miniatures", max_states, 1, TaskError)
     number("held_out of miniatures", held_out, TaskError, low=0, high=0.9)
     whole_number("charged of miniatures", charged, 0, TaskError)
+    plan = Plan(resets, state, max_states=max_states, max_seconds=max_seconds)
     return Miniatures(
-        first.make, first.discount, first.time_limit, tuple(members), tuple(tested_on),
-        resets, held_out, max_states, charged,
+        first.make, first.discount, first.time_limit, tuple(members), tuple(tested_on), plan,
+        held_out, charged,
     )  # fmt: skip
 
 
@@ -272,27 +265,25 @@ class SolvedMember:
     """A member's tables, their levels, and the optimum."""
 
     member: ObservationTask
-    settings: tuple[int, float, int]  # resets, share held out, most states
+    settings: tuple[Plan, float]  # and the share held out
     table: TabulatedTask
     level: IntArray  # (S,): of each state
     training: BoolArray  # (S,): whether the level is not held out; False for ends
 
     @classmethod
-    def of(
-        cls, member: ObservationTask, resets: int, held_out: float, max_states: int
-    ) -> "SolvedMember":
+    def of(cls, member: ObservationTask, plan: Plan, held_out: float) -> "SolvedMember":
         """Return a member solved, with a share of its levels held out."""
-        settings = resets, held_out, max_states
         for solved in list(IN_USE):
-            if solved.settings == settings and solved.member == member:
+            if solved.settings == (plan, held_out) and solved.member == member:
                 return solved
         try:
+            with closing(member.environment()) as env:
+                state = plan.state or without_counters(env)
             table = tabulate(
                 member.make,
                 discount=member.discount,
                 time_limit=member.time_limit or "own",
-                seeds=resets,
-                max_states=max_states,
+                **{**vars(plan), "state": state},
             )
         except TaskError as error:
             raise TaskError(
@@ -305,7 +296,7 @@ class SolvedMember:
             n_held = min(n_held, len(levels) - 1)  # one is left to be distilled
         held = np.random.default_rng(0).permutation(levels)[:n_held]
         training = ~np.isin(level, held) & ~table.mdp.terminal
-        solved = cls(member, settings, table, level, training)
+        solved = cls(member, (plan, held_out), table, level, training)
         IN_USE.add(solved)
         return solved
 

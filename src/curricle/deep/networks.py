@@ -370,8 +370,7 @@ class SmallCNN(BaseFeaturesExtractor):
     """Two convolutions of 3 x 3 and a layer, for pictures from 5 x 5 cells, channels first.
 
     For ``CnnPolicy``, among the ``policy_kwargs`` of a :class:`DeepLearner`:
-    ``{"features_extractor_class": SmallCNN, "normalize_images": False}``. (Stable-Baselines3
-    divides pictures by 255 if they are bytes from 0 to 255, and no others.)
+    ``{"features_extractor_class": SmallCNN, "normalize_images": False}``.
 
     Parameters
     ----------

@@ -170,19 +170,14 @@ class ResidualQNetwork(QNetwork):
         return torch.cat([features, scaled], dim=1)
 
 
-def as_observed(space: Space[Any], observations: Observations) -> Observations:
+def as_observed(space: Space[Any], observations: Any) -> Any:
     """Return n observations as a task has them: Stable-Baselines3 moves pictures' channels."""
-    if isinstance(observations, dict):
-        assert isinstance(space, Dict)
-        return {key: _part_as_observed(space[key], part) for key, part in observations.items()}
-    return _part_as_observed(space, observations)
-
-
-def _part_as_observed(space: Space[Any], part: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    if isinstance(space, Dict):
+        return {key: as_observed(space[key], part) for key, part in observations.items()}
     shape: tuple[int, ...] = space.shape or ()
-    if part.shape[1:] != shape and part.ndim == 4:
-        return np.moveaxis(part, 1, -1)
-    return part.reshape(len(part), *shape)
+    if observations.shape[1:] != shape and observations.ndim == 4:
+        return np.moveaxis(observations, 1, -1)
+    return observations.reshape(len(observations), *shape)
 
 
 class PotentialCache:
@@ -209,11 +204,8 @@ class PotentialCache:
             both = self._computed(arrays)
         else:
             arrays = np.ascontiguousarray(arrays)
-            keys = (
-                arrays.reshape(len(arrays), -1)
-                .view(f"V{arrays.nbytes // len(arrays)}")[:, 0]
-                .tolist()
-            )
+            rows = arrays.reshape(len(arrays), -1)
+            keys = rows.view(f"V{arrays.nbytes // len(arrays)}")[:, 0].tolist()
             if not all(map(self.places.__contains__, keys)):
                 self._add(keys, arrays)
             both = self.values[list(map(self.places.__getitem__, keys))]

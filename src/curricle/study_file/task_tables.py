@@ -218,6 +218,7 @@ class Maker(Table):
 Names = tuple[Name, ...] | None
 
 
+_MADE = ("environment", "make_arguments")  # by `Maker`
 _DISCOUNT = (Number, 0.99)
 _LIMIT = (TimeLimit | None, None)  # None: the environment's own limit
 
@@ -247,7 +248,7 @@ GymnasiumTask = table_of(
     from_gymnasium,
     EnvironmentTable,
     tag="gymnasium",
-    without=("environment", "states", "make_arguments"),
+    without=(*_MADE, "states"),
     discount=_DISCOUNT,
     time_limit=_LIMIT,
     names=Names,
@@ -269,11 +270,7 @@ class _EncodedTable(EnvironmentTable):
         return self.encode
 
 
-class _TabulatedTable(_EncodedTable):
-    reset_seeds: Annotated[
-        tuple[Whole, ...], BeforeValidator(seeds_of, json_schema_input_type=str | list[int])
-    ] = (0,)
-    """Seeds of the resets, which are equally likely starts: a list, or ranges such as "0-35"."""
+class _CopiedTable(TaskTable):
     ignore: tuple[Name, ...] | None = None
     """Attributes that change no observation and no reward, such as a count of steps."""
     observed: tuple[Name, ...] | None = None
@@ -281,11 +278,22 @@ class _TabulatedTable(_EncodedTable):
     observation's numbers, or an empty list."""
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments, with seeds and state under the function's names."""
-        arguments = {**super().arguments_in(folder), "seeds": self.reset_seeds}
-        if self.ignore or self.observed is not None:
+        """Return the arguments, with what states are copied without under the function's name."""
+        arguments = super().arguments_in(folder)
+        if self.ignore is not None or self.observed is not None:
             arguments["state"] = DeepCopy(self.ignore or (), self.observed)
         return arguments
+
+
+class _TabulatedTable(_EncodedTable, _CopiedTable):
+    reset_seeds: Annotated[
+        tuple[Whole, ...], BeforeValidator(seeds_of, json_schema_input_type=str | list[int])
+    ] = (0,)
+    """Seeds of the resets, which are equally likely starts: a list, or ranges such as "0-35"."""
+
+    def arguments_in(self, folder: Path) -> dict[str, Any]:
+        """Return the arguments, with seeds under the function's name."""
+        return {**super().arguments_in(folder), "seeds": self.reset_seeds}
 
 
 class _ObservationTable(_EncodedTable):
@@ -296,10 +304,7 @@ TabulatedTaskTable = table_of(
     tabulate,
     _TabulatedTable,
     tag="tabulated",
-    without=(
-        *("environment", "seeds", "state", "max_states", "max_seconds", "progress"),
-        "make_arguments",
-    ),
+    without=(*_MADE, "seeds", "state", "max_states", "max_seconds", "progress"),
     discount=_DISCOUNT,
     time_limit=_LIMIT,
     names=Names,
@@ -312,7 +317,7 @@ ObservationTaskTable = table_of(
     observation_task,
     _ObservationTable,
     tag="observation_task",
-    without=("environment", "encode", "make_arguments"),
+    without=(*_MADE, "encode"),
     compiled_view=(Flag | None, None),  # None is not stored
 )
 _by_id = BeforeValidator(
@@ -322,7 +327,7 @@ _by_id = BeforeValidator(
 Members = tuple[Annotated[Maker, _by_id], ...]
 
 
-class _DistilledTable(TaskTable):
+class _DistilledTable(_CopiedTable):
     deep: ClassVar[bool] = True
     members: Members = Field(min_length=1)
     """Ids, or tables with id or factory, and arguments."""
@@ -352,9 +357,10 @@ DistilledTask = table_of(
     miniatures,
     _DistilledTable,
     tag="distilled",
-    without=("members", "tested_on"),
+    without=("members", "tested_on", "state"),
     resets=Count,
     max_states=Count,
+    max_seconds=Number,
     charged=Whole,
 )
 
