@@ -144,6 +144,10 @@ def test_a_forecast_says_what_holds_on_held_out_levels():
     assert "held-out levels of " in str(distilled)
     assert "training level" not in str(distilled)
     assert 0 <= foreseen.start.potential <= 1
+    shares, returned = str(foreseen.text(10_000)).splitlines()[2:4]
+    assert shares.endswith(", which alone says little of 'large'")
+    assert returned.startswith("the potential's own policy returns ")
+    assert " in 'large', from 2 seeds of small (" in returned
 
 
 @pytest.mark.parametrize(

@@ -291,7 +291,7 @@ def run(
 
     Results do not depend on the number of workers, on shards, or on how often the run was stopped.
     """
-    from curricle.cli.output import seeds_left, too_few, units_left
+    from curricle.cli.output import seeds_left, too_few, total_words, units_left
     from curricle.cli.progress_bars import run_with_bars
     from curricle.study.arms import Arms
 
@@ -310,8 +310,12 @@ def run(
         for line in units_left(study, folder, part):
             echo(line)
         return
-    if few := too_few(study, Arms.of(study)):
+    planned = Arms.of(study)
+    if few := too_few(study, planned):
         echo(f"curricle: {few}", err=True)
+    if planned.budget and planned.total and planned.total > 2 * planned.budget:
+        steps = planned.budget, planned.total, planned.eval_freq
+        echo(f"curricle: {total_words(planned.target, *steps, sources=True)}", err=True)
     results = run_with_bars(
         study,
         folder,

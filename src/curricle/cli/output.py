@@ -393,7 +393,9 @@ def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources
     """Return a sentence on the steps of every arm, and why they exceed the target's budget."""
     spent = f"every arm spends {counted(total, 'step')}"
     why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
-    return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
+    dear = f"; sources take more than {target}: smaller ones, of miniatures fewer resets, take less"
+    more = dear * (total > 2 * budget)
+    return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}{more}"
 
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
@@ -530,6 +532,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
             refuse(str(error))
             continue
         answer[name] = {"answer": made.answer, "headroom": made.headroom}
+        answer[name]["start"] = made.start and asdict(made.start)
         answer[name]["sources"] = {of: f"{learning}" for of, learning in made.sources.items()}
         answer[name]["trial"] = made.trial and comparison_data(made.trial.comparison)
         print(made.text(line_width()))

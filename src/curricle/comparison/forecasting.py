@@ -29,7 +29,7 @@ from curricle.comparison.trial import (
 from curricle.curriculum.curriculum import Curriculum, Node, TrainingOptions
 from curricle.curriculum.result import Learnt, SourceValues
 from curricle.deep.learning import policy_return
-from curricle.deep.miniature import Miniatures
+from curricle.deep.miniature import Examined
 from curricle.errors import CurricleError, CurriculumError, in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.planning.greedy import Values, VisitedValues
@@ -203,36 +203,21 @@ class DistilledSource(Frozen):
     """How far networks of K seeds go from the random policy's return to the optimum."""
 
     name: str
-    members: tuple[str, ...]  # M tasks: the miniatures, then the relatives used only for tests
-    levels: tuple[str, ...]  # (M,) kind and number of the levels on which a member is tested
-    shares: FloatArray  # (K, M): share of the way, by seed and member
+    examined: tuple[tuple[Examined, ...], ...]  # by seed and by M members, tests last
+
+    @property
+    def shares(self) -> FloatArray:
+        """Share of the way, by seed and member, (K, M)."""
+        return np.array([[exam.regained for exam in of_seed] for of_seed in self.examined])
 
     def __str__(self) -> str:
-        examined = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
-        none = "nothing, as random play is optimal,"
-        texts = [
-            f"{none if np.isnan(x) else f'{round(x, 2) + 0.0:.0%}'} on {levels} of {member}"
-            for x, levels, member in examined
-        ]
-        return (
-            f"{self.name}'s network regains, of the way from random to optimal, {', '.join(texts)}"
-        )
-
-
-def distilled_sources(
-    tasks: Mapping[str, object], sources: Mapping[str, SourceValues]
-) -> dict[str, DistilledSource]:
-    """Return the test results of each source that was distilled from miniatures, by name."""
-    distilled = {}
-    for name, learnt in sources.items():
-        task = tasks.get(name)
-        if isinstance(task, Miniatures) and learnt.values is not None:
-            examinations = [task.examined(values) for values in learnt.values]
-            shares = np.array([[exam.regained for exam in examined] for examined in examinations])
-            members = tuple(made_by(exam.member.make) for exam in examinations[0])
-            levels = tuple(counted(exam.levels, exam.kind) for exam in examinations[0])
-            distilled[name] = DistilledSource(name, members, levels, shares)
-    return distilled
+        none, texts = "nothing, as random play is optimal,", list[str]()
+        for x, exam in zip(self.shares.mean(axis=0), self.examined[0], strict=True):
+            share = none if np.isnan(x) else f"{round(x, 2) + 0.0:.0%}"
+            levels = counted(exam.levels, exam.kind)
+            texts.append(f"{share} on {levels} of {made_by(exam.member.make)}")
+        way = "of the way from random to optimal"
+        return f"{self.name}'s network regains, {way}, {', '.join(texts)}"
 
 
 # -- The record of a forecast, and its sentences ------------------------------------------------
@@ -342,11 +327,10 @@ class Forecast:
     @property
     def _cells(self) -> list[tuple[str, str]]:
         """The rows that were tried: name, with a star if it is used, and gain."""
-        gains = ((row, row.gain) for row in self._tried)
         return [
-            (row.name + " *" * row.used, f"{gain.estimate:.3g}")
-            for row, gain in gains
-            if gain is not None
+            (row.name + " *" * row.used, f"{row.gain.estimate:.3g}")
+            for row in self._tried
+            if row.gain is not None
         ]
 
     @property
@@ -371,7 +355,8 @@ class Forecast:
                 if name != self.used.name  # whose error is the basis
             ]
             lines += [f"the highest gain in the trial: {self.best.name}"] * (not self.best.used)
-        lines += map(str, self.sources.values())
+        alone = f", which alone says little of {self.target!r}"  # 90 % there were .04 in a target
+        lines += [f"{of}{alone * isinstance(of, DistilledSource)}" for of in self.sources.values()]
         if self.start is not None:
             lines.append(
                 f"the potential's own policy returns {self.start.potential:.4g} in "
@@ -493,8 +478,7 @@ def forecast(
     reads_values = curriculum.setting("shaping", name).reads_values
     learnt, start, played = dict[str, Any](), None, None
     with shown(progress) as bars:
-        before = curriculum.ancestors(name)
-        inner = bars.within()
+        before, inner = curriculum.ancestors(name), bars.within()
         sources = curriculum.train(
             numbers, only=before, trained=trained, workers=workers, progress=inner
         ).sources
@@ -504,22 +488,20 @@ def forecast(
             reference = Reference.of(any_target, threshold)
             try:
                 played = run_trial(
-                    tried,
-                    opponents=opponents,
-                    scratch=scratch,
-                    seeds=trial_seeds,
-                    reference=reference,
-                    memory=memory,
-                    workers=workers,
-                    progress=inner,
-                )
+                    tried, opponents=opponents, scratch=scratch, seeds=trial_seeds,
+                    reference=reference, memory=memory, workers=workers, progress=inner,
+                )  # fmt: skip
                 bars.tell("trial")
             except CurricleError as error:  # the sources can be examined without the trial
                 if trial is not None:
                     raise
                 no_trial = f"it failed: {error}"
         learnt |= source_learning(curriculum, sources, workers=workers, progress=inner)
-        learnt |= distilled_sources(curriculum.tasks, sources)
+        learnt |= {
+            source: DistilledSource(source, tuple(map(node.task.examined, of.values)))
+            for source, of in sources.items()
+            if (node := curriculum.node(source)).distilled and of.values is not None
+        }
         for source in learnt:
             bars.tell(source)
     # Networks enter in one way, whatever their aggregate.
@@ -536,17 +518,8 @@ def forecast(
     else:
         countable = {label: edge for label, edge in labels.items() if edge.mapping.countable}
         coverage = {label: edge.mapping.coverage() for label, edge in countable.items()}
-    return Forecast(
-        name,
-        coverage,
-        tuple(rows),
-        sources,
-        learnt,
-        start,
-        played,
-        no_trial,
-        curriculum.knows_target(name),
-    )
+    facts = sources, learnt, start, played, no_trial, curriculum.knows_target(name)
+    return Forecast(name, coverage, tuple(rows), *facts)
 
 
 def _start(
@@ -582,8 +555,5 @@ def _planned_trial(
     if trial:
         return rows, SEEDS, ""
     tried, seeds = affordable(rows)
-    return (
-        tried,
-        seeds,
-        "" if seeds else "it would take long; trial=True or curricle check --forecast makes it",
-    )
+    long = "it would take long; trial=True or curricle check --forecast makes it"
+    return tried, seeds, "" if seeds else long
