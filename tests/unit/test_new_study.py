@@ -1,5 +1,6 @@
 """`curricle new`: studies of environments, of one's own too, that run as they are."""
 
+import math
 import tomllib
 
 import pytest
@@ -259,6 +260,22 @@ class Vast(Robot):  # random, with more states than are found in time
         return np.float32(at), *rest
 
 
+class Spelt(Robot):  # so that a table of all that its numbers can say would be vast
+    def __init__(self):
+        super().__init__()
+        self.observation_space = spaces.Box(0, 2, (18,), dtype=np.int8)
+
+    def reset(self, *, seed=None, options=None):
+        return self.spelt(super().reset(seed=seed)[0]), {}
+
+    def step(self, action):
+        at, *rest = super().step(action)
+        return self.spelt(at), *rest
+
+    def spelt(self, at):
+        return np.int8([number // 3**digit % 3 for number in at for digit in range(9)])
+
+
 class Needy(Robot):
     def __init__(self, size):
         super().__init__(size)
@@ -415,6 +432,16 @@ def test_a_few_numbers_are_binned_and_a_live_relative_is_scored_by_returns(robot
     assert plan.tasks["target"].states == plan.tasks["length_12_0"].states
     edges = cr.interop.Bins(tomllib.loads(text)["tasks"]["target"]["encode"]["edges"])
     assert plan.tasks["target"].states == edges.states
+
+
+def test_the_learners_of_a_study_fit_its_tables(curricle, robots, monkeypatch):
+    for name, value in {"SECONDS": 0.0, "QUICK": math.inf}.items():  # live, and not tried
+        monkeypatch.setattr(f"curricle.study.templates.environment.{name}", value)
+    file, text, notes = new_study("robots:Spelt", robots)
+    assert notes[0].startswith("learnt live"), notes
+    (robots / file).write_text(text)
+    code, _, complaint = curricle("run", file, "--seeds=0-1", "--set=tasks.target.budget=2000")
+    assert code == 0, complaint
 
 
 @pytest.mark.parametrize(

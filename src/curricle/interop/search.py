@@ -226,7 +226,7 @@ class Search:
         name = max(values, key=lambda name: len(values[name]), default="")
         hint = ", and most differ only in parts that are neither whole numbers nor words"
         different = {frozenset(components.items()) for components in of_states}
-        if 2 * len(different) > len(of_states):
+        if values and 2 * len(different) > len(of_states):
             hint = f", and {name!r} has the most values, {len(values[name]):,}"
         return f"{hint}; from_gymnasium plays it live" * (len(of_states) > 1)
 

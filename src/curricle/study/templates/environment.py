@@ -34,6 +34,7 @@ from curricle.study.templates.variants import (
     BUDGETS,
     GRID,
     LIVE,
+    MOST_PAIRS,
     QUICK,
     SECONDS,
     SMALL,
@@ -257,6 +258,7 @@ def _study(
         sources[NEAR] = _source(variant, budget, starts)
     notes += _of_sources(target, easy, near, f"over {most:,}")
     filled = {"live": live, "budget": budget, "sources": sources}
+    filled["dense"] = task.states.size * task.actions.size <= MOST_PAIRS  # else Q-learning alone
     filled["kind"] = "tabulated" if way.func is tabulate else "gymnasium"
     filled["keys"] = keys | _in_rows_keys(task, easy.rows)
     return _text(name, recipe, notes, filled), notes
