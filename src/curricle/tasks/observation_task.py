@@ -4,7 +4,7 @@ import inspect
 import random
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass, field, is_dataclass
 from functools import cached_property, partial
@@ -367,8 +367,24 @@ def check_observation(space: gymnasium.Space[Any], observation: object) -> None:
     if not fits:
         raise TaskError(
             "an observation must lie in the environment's observation_space, "
-            f"{brief(space)}: got {brief(observation)}"
+            f"{brief(space)}: got {brief(observation)}{_outside(space, observation)}; let "
+            "observation_space state all that reset and step return"
         )
+
+
+def _outside(space: Any, observation: Any) -> str:
+    """Return which number lies outside of a box, as a long observation is cut in an error."""
+    if isinstance(space, Dict) and isinstance(observation, Mapping):
+        parts = (_outside(part, observation.get(key)) for key, part in space.items())
+        return next(filter(None, parts), "")
+    with suppress(TypeError, ValueError):  # it may be no array of numbers
+        numbers = np.asarray(observation)
+        if isinstance(space, Box) and numbers.shape == space.shape:
+            ends = zip(numbers.flat, space.low.flat, space.high.flat, strict=True)
+            for i, (number, low, high) in enumerate(ends, start=1):
+                if not low <= number <= high:
+                    return f", where number {i}, {number:g}, is not in [{low:g}, {high:g}]"
+    return ""
 
 
 def _equal(space: Any, observation: Any, read: Any) -> bool:

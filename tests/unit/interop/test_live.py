@@ -18,6 +18,8 @@ from curricle.tasks.observation_task import check_observation
 
 from .environments import OFF, TWO, Ring, Watched, watched
 
+TALL = spaces.Box(0, 1, (100,), np.float32)  # so that its observations are cut in an error
+
 
 def test_each_seed_has_an_environment_of_its_own_and_another_to_be_judged_in():
     log = []
@@ -310,6 +312,21 @@ def test_observations_are_compared_before_they_are_converted(space, fits, differ
     check_observation(space, fits)
     with pytest.raises(TaskError, match="observation must lie in"):
         check_observation(space, differs)
+
+
+@pytest.mark.parametrize(
+    ("space", "observation", "said"),
+    [
+        (TALL, np.r_[np.zeros(98), 7, 1], "where number 99, 7, is not in [0, 1]; let obser"),
+        (spaces.Dict(a=TWO, b=TALL), {"a": 0, "b": np.full(100, np.nan)}, "number 1, nan, is"),
+        (spaces.Dict(a=TWO, b=TALL), {"a": 0}, "got {'a': 0}; let observation_space state all"),
+        (spaces.Box(0, 1, (2,)), [3, "x"], "got [3, 'x']; let observation_space state all"),
+        (spaces.Box(0, 1, (2,)), [3], "got [3]; let observation_space state all"),
+    ],
+)
+def test_a_refused_observation_is_said_to_be_outside_where_it_is(space, observation, said):
+    with pytest.raises(TaskError, match=re.escape(said)):
+        check_observation(space, observation)
 
 
 def test_an_observation_without_a_part_is_refused_at_the_first_reset():
