@@ -373,13 +373,16 @@ def check_observation(space: gymnasium.Space[Any], observation: object) -> None:
 
 
 def _outside(space: Any, observation: Any) -> str:
-    """Return which number lies outside of a box, as a long observation is cut in an error."""
+    """Return which part of an observation does not fit: a long one is cut in an error."""
     if isinstance(space, Dict) and isinstance(observation, Mapping):
+        missing = (f", which has no {key!r}" for key in space if key not in observation)
         parts = (_outside(part, observation.get(key)) for key, part in space.items())
-        return next(filter(None, parts), "")
+        return next(missing, "") or next(filter(None, parts), "")
     with suppress(TypeError, ValueError):  # it may be no array of numbers
         numbers = np.asarray(observation)
-        if isinstance(space, Box) and numbers.shape == space.shape:
+        if isinstance(space, Box) and numbers.shape != space.shape:
+            return f", of shape {numbers.shape} instead of {space.shape}"
+        if isinstance(space, Box):
             ends = zip(numbers.flat, space.low.flat, space.high.flat, strict=True)
             for i, (number, low, high) in enumerate(ends, start=1):
                 if not low <= number <= high:
