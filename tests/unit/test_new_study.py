@@ -290,6 +290,10 @@ class Pushed(Robot):
         return super().step(int(action[0] > 0))
 
 
+def lasting():
+    return gym.wrappers.TimeLimit(Pushed(), 3600)
+
+
 class Lamps(gym.Env):
     observation_space, action_space = spaces.MultiBinary(70), spaces.Discrete(2)
 
@@ -467,6 +471,15 @@ def test_actions_that_are_no_numbers_are_for_a_network(robots):
         "learnt by a network, as it is not tabulated: its actions are no whole numbers"
     )
     assert "seeds = 7\n" in text  # fewer give no verdict where several arms are asked
+
+
+@pytest.mark.parametrize(("name", "steps"), [("Pushed", 500), ("lasting", 3600)])
+def test_a_network_is_evaluated_in_about_as_many_steps_as_it_learns(robots, name, steps):
+    _, text, _ = new_study(f"robots:{name}", robots)
+    target = tomllib.loads(text)["tasks"]["target"]
+    checkpoints = target["budget"] // target["eval_freq"]
+    assert checkpoints >= 5
+    assert checkpoints * target["evaluation"]["episodes"] * steps <= 1.2 * target["budget"]
 
 
 def test_a_variant_that_misleads_is_left_out_and_starts_near_the_goal_stand_in(robots):

@@ -257,7 +257,7 @@ def _study(
         starts = keys | {"start_states": {"distance": [1, high]}}
         sources[NEAR] = _source(variant, budget, starts)
     notes += _of_sources(target, easy, near, f"over {most:,}")
-    filled = {"live": live, "budget": budget, "sources": sources}
+    filled = {"live": live, "budget": budget, "checkpoints": 20, "sources": sources}
     filled["dense"] = task.states.size * task.actions.size <= MOST_PAIRS  # else Q-learning alone
     filled["kind"] = "tabulated" if way.func is tabulate else "gymnasium"
     filled["keys"] = keys | _in_rows_keys(task, easy.rows)
@@ -459,8 +459,13 @@ def _of_network(
         f"no easier relative was tried, as networks take long; {NETWORKS:,} steps are what minutes "
         "allow, and may be too few to learn anything"
     )
-    filled: dict[str, Any] = {"kind": "observation_task", "keys": _limit(env, limit), "live": True}
-    filled |= {"budget": NETWORKS, "sources": {}, "network": (algorithms[0], policy, algorithms[1])}
+    longest = time_limit_of(env) or limit or LIMIT
+    checkpoints = min(max(NETWORKS // longest, 5), 10)
+    # Evaluation takes about as many steps as learning: of long episodes few are played.
+    filled: dict[str, Any] = {"episodes": min(max(NETWORKS // (checkpoints * longest), 1), 5)}
+    filled |= {"kind": "observation_task", "keys": _limit(env, limit), "live": True}
+    filled |= {"budget": NETWORKS, "checkpoints": checkpoints, "sources": {}}
+    filled |= {"network": (algorithms[0], policy, algorithms[1])}
     return _text(name, recipe, notes, filled), notes
 
 
