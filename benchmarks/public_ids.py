@@ -40,6 +40,8 @@ MEANING = dict(zip(VERDICTS, ["a verdict on a source"] * 3, strict=True)) | {
     "crash": "a traceback, or the process died",
 }
 WAY_OUT = r"\b(let|give|set|use|name|choose|install|return|pass|wrap|write|becomes)\b"
+DECISIVE = "best learner without one|^nobody|^instead|: pays|^curricle"
+PLAIN = r"no arm has .* without one is |instead of transfer, | \(in a study file: [^)]*\)"
 UNTOLD = "^(mean return of other|steps to the threshold saved|# (Where|with|Networks) )"
 PAGE = """# Which public environments work?
 
@@ -164,17 +166,20 @@ def page_of(entries: list[dict[str, Any]], results: dict[str, dict[str, Any]]) -
         processors=PROCESSORS, left=f"{left} others of the list have not been run. " * bool(left),
     )  # fmt: skip
     lines = [head, *(f"| {name} | {counts[name]} | {MEANING[name]} |" for name in MEANING)]
-    lines.append(f"\nThe first five, {sum(counts[name] for name in [*MEANING][:5])}, are of use.")
+    spent = {key_of(entry): sum(results[key_of(entry)]["minutes"].values()) for entry in ran}
+    of_use = sum(counts[name] for name in [*MEANING][:5])
+    half = f"Half of all took at most {median(spent.values()):.1f} minutes."
+    lines.append(f"\nThe first five, {of_use}, are of use. {half}")
     for kind in dict.fromkeys(entry["kind"] for entry in ran):
-        of_kind = [key_of(entry) for entry in ran if entry["kind"] == kind]
-        spent = {name: sum(results[name]["minutes"].values()) for name in of_kind}
         lines.append(f"\n## {kind[0].upper()}{kind[1:]}\n")
-        lines.append(f"Half of them took at most {median(spent.values()):.1f} minutes.\n")
-        lines.append("| environment | outcome | minutes | what is said |\n|---|---|---|---|")
-        for name in of_kind:
-            said = "; ".join(results[name]["sentences"]).replace("|", "\\|").replace("<", "&lt;")
-            said = said if len(said) <= 220 else f"{said[:100]} … {said[-110:]}"
-            lines.append(f"| `{name}` | {results[name]['outcome']} | {spent[name]:.1f} | {said} |")
+        lines.append("|environment|outcome|minutes|what is said|\n|---|---|---|---|")
+        for name in (key_of(entry) for entry in ran if entry["kind"] == kind):
+            sentences = results[name]["sentences"]
+            decisive = [sentence for sentence in sentences if re.search(DECISIVE, sentence)]
+            said = re.sub(PLAIN, "", (decisive or sentences)[-1])
+            said = said if len(said) <= 100 else f"{said[:45]} … {said[-50:]}"
+            said = said.replace("|", "\\|").replace("<", "&lt;")
+            lines.append(f"|`{name}`|{results[name]['outcome']}|{spent[name]:.1f}|{said}|")
     return "\n".join(lines)
 
 
