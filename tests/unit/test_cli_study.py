@@ -101,6 +101,7 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
     [
         ("Blackjack-v1", "tabulated"),
         ("MiniGrid-Empty-5x5-v0", "tabulated"),
+        ("MiniGrid-Dynamic-Obstacles-5x5-v0", "observation_task"),
         ("CartPole-v1", "gymnasium"),
         ("Acrobot-v1", "observation_task"),
     ],

@@ -452,7 +452,8 @@ def _of_network(
         )
     )
     policy = "CnnPolicy" if picture else "MlpPolicy"
-    policy = "MultiInputPolicy" if isinstance(observed, Dict) else policy
+    view = {"encode": "MiniGridView"} if is_minigrid(env) else {}  # else its mission is a text
+    policy = "MultiInputPolicy" if isinstance(observed, Dict) and not view else policy
     algorithms = ("DQN", "PPO") if isinstance(acting, Discrete) else ("PPO", "A2C")
     notes = [*notes, f"learnt by a network, as it is not tabulated: {why}"]
     notes.append(
@@ -463,7 +464,7 @@ def _of_network(
     checkpoints = min(max(NETWORKS // longest, 5), 10)
     # Evaluation takes about as many steps as learning: of long episodes few are played.
     filled: dict[str, Any] = {"episodes": min(max(NETWORKS // (checkpoints * longest), 1), 5)}
-    filled |= {"kind": "observation_task", "keys": _limit(env, limit), "live": True}
+    filled |= {"kind": "observation_task", "keys": _limit(env, limit) | view, "live": True}
     filled |= {"budget": NETWORKS, "checkpoints": checkpoints, "sources": {}}
     filled |= {"network": (algorithms[0], policy, algorithms[1])}
     return _text(name, recipe, notes, filled), notes
