@@ -148,8 +148,8 @@ def new(
     kind: Annotated[
         str | None,
         Argument(
-            help="maze, pursuit, gymnasium, deep or stages; any id of Gymnasium's registry; or a class of "
-            "yours, module:Class. Left out, they are listed.",
+            help="maze, pursuit, gymnasium, deep or stages; any id of Gymnasium's registry; or a "
+            "class of yours, module:Class. Left out, they are listed.",
             autocompletion=lambda: list(KINDS),
             show_default=False,
         ),
