@@ -258,7 +258,8 @@ def _study(
         sources[NEAR] = _source(variant, budget, starts)
     notes += _of_sources(target, easy, near, f"over {most:,}")
     filled = {"live": live, "budget": budget, "checkpoints": 20, "sources": sources}
-    filled["dense"] = task.states.size * task.actions.size <= MOST_PAIRS  # else Q-learning alone
+    vast = task.states.size * task.actions.size > MOST_PAIRS
+    filled["sparse"] = live and vast and "action_masks" not in keys  # masks need dense tables
     filled["kind"] = "tabulated" if way.func is tabulate else "gymnasium"
     filled["keys"] = keys | _in_rows_keys(task, easy.rows)
     return _text(name, recipe, notes, filled), notes
@@ -465,7 +466,7 @@ def _of_network(
     # Evaluation takes about as many steps as learning: of long episodes few are played.
     filled: dict[str, Any] = {"episodes": min(max(NETWORKS // (checkpoints * longest), 1), 5)}
     filled |= {"kind": "observation_task", "keys": _limit(env, limit) | view, "live": True}
-    filled |= {"budget": NETWORKS, "checkpoints": checkpoints, "sources": {}}
+    filled |= {"budget": NETWORKS, "checkpoints": checkpoints, "sources": {}, "sparse": False}
     filled |= {"network": (algorithms[0], policy, algorithms[1])}
     return _text(name, recipe, notes, filled), notes
 
