@@ -47,14 +47,16 @@ def level(target: str, *members: str, seen: str) -> list[str]:
 CAR = ["envs=16", *(f"settings.{x}" for x in ("n_steps=16", "n_epochs=4", "gae_lambda=0.98"))]
 SWING = ["envs=4"]
 SWING += [f"settings.{x}" for x in ("normalize=false", "n_steps=1_024", "learning_rate=1e-3")]
-# QR-DQN plays these two alone: in MiniGrid its area was .03 at most.
+# QR-DQN plays classic control alone: in MiniGrid its area was .03 at most.
+QR_DQN = ["learning_rate=5e-4", "batch_size=64", "buffer_size=60_000", "learning_starts=1_000"]
+QR_DQN += ["train_freq=4", "gradient_steps=1", "target_update_interval=1_000"]
+QR_DQN += ["exploration_fraction=0.3", "exploration_final_eps=0.05"]
+QR_DQN += ["policy_kwargs={ net_arch = [128, 128], n_quantiles = 25 }"]
 CAR_QR = ["learning_rate=4e-3", "batch_size=128", "buffer_size=10_000", "train_freq=16"]
 CAR_QR += ["gradient_steps=8", "target_update_interval=600", "exploration_fraction=0.2"]
 CAR_QR += ["exploration_final_eps=0.07", "policy_kwargs.net_arch=[256, 256]"]
 # Zoo's QR-DQN knows no pendulum: it has a gradient step at every step, and the rate of Zoo's PPO.
-SWING_QR = ["learning_rate=1e-3", "batch_size=64", "buffer_size=60_000", "train_freq=1"]
-SWING_QR += ["gradient_steps=1", "target_update_interval=1_000", "exploration_fraction=0.3"]
-SWING_QR += ["exploration_final_eps=0.05", "policy_kwargs.net_arch=[128, 128]"]
+SWING_QR = ["learning_rate=1e-3", "train_freq=1"]
 
 
 def control(name: str, points: int, held: int, zoo: list[str], qr: list[str]) -> list[str]:
@@ -77,9 +79,7 @@ def control(name: str, points: int, held: int, zoo: list[str], qr: list[str]) ->
         *(f"{learner}.{x}" for x in zoo for learner in ("learner", "scratch_learners.zoo")),
         "scratch_learners.QR-DQN.algorithm=QRDQN",
         "scratch_learners.QR-DQN.envs=1",
-        "scratch_learners.QR-DQN.settings.learning_starts=1_000",
-        "scratch_learners.QR-DQN.settings.policy_kwargs.n_quantiles=25",
-        *(f"scratch_learners.QR-DQN.settings.{x}" for x in qr),
+        *(f"scratch_learners.QR-DQN.settings.{x}" for x in (*QR_DQN, *qr)),
     ]
 
 
@@ -157,20 +157,21 @@ def learned(results: StudyResults) -> None:
 
 def rows(made: dict[str, StudyResults]) -> Iterator[tuple[str, ...]]:
     """Yield a row of each target, with the verdict on its arm; p corrected for their number."""
-    judged = [results.comparison for results in made.values()]
-    corrected = holm([of.contrasts[ARM].p for of in judged])
-    for target, of, p in zip(made, judged, corrected, strict=True):
-        contrast, best = of.contrasts[ARM], of.best_opponent(ARM)
-        others = [arm for arm in of.shown if arm != ARM]
-        returns = of.arms[ARM].curve.values.mean(axis=0)
+    comparisons = [results.comparison for results in made.values()]
+    corrected = holm([comparison.contrasts[ARM].p for comparison in comparisons])
+    for target, comparison, p in zip(made, comparisons, corrected, strict=True):
+        contrast, best = comparison.contrasts[ARM], comparison.best_opponent(ARM)
+        areas = {short_name(arm): comparison.mean_return(arm) for arm in comparison.shown}
+        area = areas.pop(ARM)
+        returns = comparison.arms[ARM].curve.values.mean(axis=0)
         yield (
             target,
             f"{int(made[target].source_steps(ARM)[0]):,}",
-            ", ".join(f"{short_name(arm)} {of.mean_return(arm).estimate:.3g}" for arm in others),
-            f"{returns[0]:.3g}, {short(of.mean_return(ARM))}, {returns[-1]:.3g}",
+            ", ".join(f"{name} {other.estimate:.3g}" for name, other in areas.items()),
+            f"{returns[0]:.3g}, {short(area)}, {returns[-1]:.3g}",
             f"{short(contrast.strong_gain)} ({short_name(best)})",
             f"{contrast.answer if p < SIGNIFICANT else NO_DIFFERENCE}, p = {p:.2g}",
-            share_saved(of, ARM),
+            share_saved(comparison, ARM),
             short(contrast.weak_gain),
         )
 
@@ -182,8 +183,8 @@ def short_name(arm: str) -> str:
 
 def finished(folder: Path) -> dict[str, StudyResults]:
     """Return the results of the targets of which a folder has all seeds."""
-    there = [name for name in TARGETS if (folder / name / "results.parquet").exists()]
-    made = {name: StudyResults(folder / name) for name in there}
+    stored = [name for name in TARGETS if (folder / name / "results.parquet").exists()]
+    made = {name: StudyResults(folder / name) for name in stored}
     return {name: results for name, results in made.items() if not results.comparison.interim}
 
 
