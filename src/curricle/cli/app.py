@@ -291,7 +291,13 @@ def run(
 
     Results do not depend on the number of workers, on shards, or on how often the run was stopped.
     """
-    from curricle.cli.output import seeds_left, too_few, total_words, units_left
+    from curricle.cli.output import (
+        seeds_left,
+        sources_are_dear,
+        too_few,
+        total_words,
+        units_left,
+    )
     from curricle.cli.progress_bars import run_with_bars
     from curricle.study.arms import Arms
 
@@ -313,9 +319,10 @@ def run(
     planned = Arms.of(study)
     if few := too_few(study, planned):
         echo(f"curricle: {few}", err=True)
-    if planned.budget and planned.total and planned.total > 2 * planned.budget:
-        steps = planned.budget, planned.total, planned.eval_freq
-        echo(f"curricle: {total_words(planned.target, *steps, sources=True)}", err=True)
+    budget, total = planned.budget, planned.total
+    if budget and total and sources_are_dear(budget, total):
+        words = total_words(planned.target, budget, total, planned.eval_freq, sources=True)
+        echo(f"curricle: {words}", err=True)
     results = run_with_bars(
         study,
         folder,

@@ -394,8 +394,13 @@ def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources
     spent = f"every arm spends {counted(total, 'step')}"
     why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
     dear = f"; sources take more than {target}: smaller ones, of miniatures fewer resets, take less"
-    more = dear * (total > 2 * budget)
-    return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}{more}"
+    dear *= sources_are_dear(budget, total)
+    return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}{dear}"
+
+
+def sources_are_dear(budget: int, total: int) -> bool:
+    """Return whether sources take more steps than their target."""
+    return total > 2 * budget
 
 
 def too_few(study: StudyConfig, arms: Arms) -> str:

@@ -518,8 +518,10 @@ def forecast(
     else:
         countable = {label: edge for label, edge in labels.items() if edge.mapping.countable}
         coverage = {label: edge.mapping.coverage() for label, edge in countable.items()}
-    facts = sources, learnt, start, played, no_trial, curriculum.knows_target(name)
-    return Forecast(name, coverage, tuple(rows), *facts)
+    return Forecast(
+        name, coverage, tuple(rows), sources, learnt, start, played, no_trial,
+        curriculum.knows_target(name),
+    )  # fmt: skip
 
 
 def _start(

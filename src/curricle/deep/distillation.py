@@ -161,10 +161,10 @@ def learn_miniatures(
                     f"held-out levels if there are any: it goes {regained:.0%} of the way from "
                     f"the random policy to the optimum of {task}"
                 )
+            # With the steps that it is charged, and no episode.
             outcomes.append(Outcome(record, network, task.cost, 0, 0, ALL_STEPS, NEVER_STOPS))  # type: ignore[arg-type]
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)
     eval_freq = task.cost + 1  # so that it is evaluated once
-    result = learning_result(task, learner, tuple(seeds), values, outcomes, eval_freq)  # type: ignore[arg-type]
-    return DeepResult.of(result)
+    return DeepResult.of(learning_result(task, learner, tuple(seeds), values, outcomes, eval_freq))  # type: ignore[arg-type]

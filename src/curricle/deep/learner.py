@@ -416,7 +416,7 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     - ``reads``, the part of phi that the residual reads besides the observation, standardised by
       the first batch: "actions", phi(s, .), the default for fewer than 32 actions; "state", Phi(s)
       = max_a phi(s, a), the default for more; or "nothing", with which a linear residual learns
-      what Q-learning from phi learns (Wiewiora 2003), but others may diverge where phi jumps.
+      what Q-learning from phi learns (Wiewiora 2003), but a network may diverge where phi jumps.
 
     Parameters
     ----------

@@ -296,9 +296,9 @@ def policies_of(
 
 
 def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -> float:
-    """Return the mean return in a target of the actor of a potential's only source; NaN if none."""
-    edges, sources = ([*getattr(potential, name, ())] for name in ("edges", "values"))
-    # It must read the same observations.
+    """Return a target's mean return by a potential's only source, an actor of its view, or NaN."""
+    edges: Any = getattr(potential, "edges", ())
+    sources: Any = getattr(potential, "values", ())
     source: Any = sources[0] if len(sources) == 1 and edges[0].mapping.is_identity else None
     if getattr(source, "kind", "") != "value_net":
         return float("nan")

@@ -91,7 +91,7 @@ class Play:
     def _is_shown(self, name: str) -> bool:
         """Return whether a number in observations is an attribute, maybe scaled."""
         points: Any = np.array(self.points, float)
-        values: Any = [words[name] for words in self.attributes]
+        values: Any = [attributes[name] for attributes in self.attributes]
         for column in points[:, np.ptp(points, axis=0) > 0].T:
             if abs(np.corrcoef(column, values)[0, 1]) > 1 - SCALED:
                 others = self._named(column.tolist())  # a battery that falls with each step, too
@@ -147,8 +147,8 @@ class Play:
         space = self.env.observation_space
         if not (isinstance(space, Box) and len(space.shape) == 1 and space.shape[0]):
             return None
-        seen, ranges = np.array(self.points), dict[str, tuple[float, float]]()
-        ends = zip(space.low, space.high, seen.min(axis=0), seen.max(axis=0), strict=True)
+        points, ranges = np.array(self.points), dict[str, tuple[float, float]]()
+        ends = zip(space.low, space.high, points.min(axis=0), points.max(axis=0), strict=True)
         for name, (low, high, least, most) in zip(self.names(), ends, strict=True):
             if high - low > VAST * (most - least):  # then bounds say nothing
                 low = max(low, least - BEYOND * (most - least))

@@ -124,8 +124,8 @@ def _by_observation(way: "partial[Any]") -> bool:
 
 def _is_ambiguous(task: Any) -> bool:
     """Return whether several states of a table look alike, such as those with unlike records."""
-    seen = getattr(task, "observations", None)
-    return seen is not None and bool(seen.ambiguous.any())
+    observations = getattr(task, "observations", None)
+    return observations is not None and bool(observations.ambiguous.any())
 
 
 class Found(NamedTuple):
@@ -153,8 +153,8 @@ def _searched(
             if _by_observation(way) in large:
                 continue
             sampled = ", sampling steps" * ("samples" in way.keywords)
-            seen = " by observation" * _by_observation(way)
-            say(f"searching for its states{seen}{sampled} (at most {seconds:.0f} s)")
+            observed = " by observation" * _by_observation(way)
+            say(f"searching for its states{observed}{sampled} (at most {seconds:.0f} s)")
         try:
             task = _made(way, recipe, {}, seconds)
             if alike and way is not alike and _is_ambiguous(task):
@@ -232,8 +232,8 @@ def _study(
         if target.judgement is None or not target.judgement.refusal:
             break
     if live and budgets and target.steps == math.inf and task.states.size > VAST:
-        met = f"of its {task.states.size:,} states few are met in {budgets[-1]:,} steps"
-        why = f"{met}, in which a table learnt nothing"
+        few = f"of its {task.states.size:,} states few are met in {budgets[-1]:,} steps"
+        why = f"{few}, in which a table learnt nothing"
         return _of_network(name, recipe, env, notes, why, play.limit)
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
@@ -311,20 +311,20 @@ def _of_tables(found: Found, recipe: Recipe, play: Play) -> tuple[Found, list[st
     if not task.record.several:
         return found, notes
     resets, ends, more = RESETS, time.perf_counter() + SECONDS, True
-    seen = len(task.record.seeds)
+    resets_seen = len(task.record.seeds)
     while more and resets <= MOST_RESETS and time.perf_counter() < ends:
         wider = partial(way, seeds=tuple(range(resets)))
         try:
             found = Found(_made(wider, recipe, {}, SECONDS), wider, "")
         except TaskError:
             break
-        more, seen = found.task.states.size > task.states.size, resets
+        more, resets_seen = found.task.states.size > task.states.size, resets
         task, resets = found.task, 2 * resets
     starts = counted(int(np.count_nonzero(task.mdp.start)), "start")
     others = "there may be others" if more else "the last half of them brought no new state"
     notes.append(
         f"resets start in different states: {task.states.size:,} states from the {starts} of "
-        f"{counted(seen, 'reset')}; {others}; reset_seeds in a task names more"
+        f"{counted(resets_seen, 'reset')}; {others}; reset_seeds in a task names more"
     )
     return found, notes
 
