@@ -447,9 +447,12 @@ def test_a_few_numbers_are_binned_and_a_live_relative_is_scored_by_returns(robot
     assert plan.tasks["target"].states == edges.states
 
 
+ENVIRONMENT = "curricle.study.templates.environment"
+
+
 def test_the_learners_of_a_study_fit_its_tables(curricle, robots, monkeypatch):
-    for name, value in {"SECONDS": 0.0, "QUICK": math.inf}.items():  # live, and not tried
-        monkeypatch.setattr(f"curricle.study.templates.environment.{name}", value)
+    for name in "SECONDS", "QUICK":  # live, and tried at any speed
+        monkeypatch.setattr(f"{ENVIRONMENT}.{name}", 0.0)
     file, text, notes = new_study("robots:Spelt", robots)
     assert notes[0].startswith("learnt live"), notes
     (robots / file).write_text(text)
@@ -458,6 +461,11 @@ def test_the_learners_of_a_study_fit_its_tables(curricle, robots, monkeypatch):
     # 12 million pairs would fit into dense tables, which take a hundred times the memory.
     _, text, _ = new_study("robots:Short", robots)
     assert tomllib.loads(text)["tasks"]["target"]["storage"] == {"kind": "sparse"}
+    # What is too slow to be tried, and vast, is for a network.
+    monkeypatch.setattr(f"{ENVIRONMENT}.QUICK", math.inf)
+    _, text, notes = new_study("robots:Spelt", robots)
+    assert 'algorithm = "DQN"' in text
+    assert any("few of its 387,420,489 states are met in 20,000 steps" in note for note in notes)
 
 
 @pytest.mark.parametrize(
@@ -483,6 +491,21 @@ def test_actions_that_are_no_numbers_are_for_a_network(robots):
         "learnt by a network, as it is not tabulated: its actions are no whole numbers"
     )
     assert "seeds = 7\n" in text  # fewer give no verdict where several arms are asked
+
+
+def test_a_network_has_fewer_steps_where_they_are_slow_and_learners_for_its_actions(
+    curricle, robots, monkeypatch
+):
+    file, text, _ = new_study("robots:Pushed", robots)
+    target = tomllib.loads(text)["tasks"]["target"]
+    assert target["learner"]["settings"]["use_sde"]
+    (robots / file).write_text(text)
+    code, out, complaint = curricle("check", file)
+    assert code == 0, complaint
+    assert "scratch, with plain noise" in out
+    monkeypatch.setattr(f"{ENVIRONMENT}._checked", lambda _: 1e-2)  # seconds of a step
+    _, text, _ = new_study("robots:Pushed", robots)
+    assert 500 < tomllib.loads(text)["tasks"]["target"]["budget"] < target["budget"]
 
 
 @pytest.mark.parametrize(("name", "steps"), [("Pushed", 500), ("lasting", 3600)])

@@ -37,11 +37,12 @@ class Play:
         self.points, self.attributes = list[list[Any]](), list[Words]()  # points: of observations
         self.times, self.cuts = list[int](), list[int]()  # steps since the reset; at a truncation
         self.act, self.actions = actions_of(env.action_space, None, None)
-        began = time.perf_counter()
+        began, self._stepping = time.perf_counter(), 0.0  # seconds in steps
         self._until = began + PLAYED
         first, *_, again = [self._episode(env, seed) for seed in (*range(EPISODES), 0)]
         self.follows_seed, self._first = all(map(same_observation, first, again)), first
         self.speed = len(self.times) / (time.perf_counter() - began)  # steps a second
+        self.a_step = self._stepping / len(self.times)  # seconds of the environment alone
 
     def is_repeated_in(self, other: Env[Any, Any]) -> bool:
         """Return whether another environment of the class shows the same in the first episode."""
@@ -71,7 +72,9 @@ class Play:
                 self.told &= first_mask == mask.tobytes()
                 allowed = np.flatnonzero(mask)
             action = self.act(int(rng.choice(allowed)))
+            began = time.perf_counter()
             observed, reward, over, cut, info = checked_parts("step", env.step(action))
+            self._stepping += time.perf_counter() - began
             check_observation(env.observation_space, observed)
 
     @property

@@ -58,7 +58,13 @@ from curricle.text import counted
 
 DISCOUNT = 0.99
 VAST = 100_000  # states of a live task, of which a trial meets few
-NETWORKS = 15_000  # steps of a network
+NETWORKS, A_SEED = 30_000, 16.0  # steps of a network at most; seconds that they may take a seed
+A_STEP = {False: 5e-4, True: 1e-2}  # seconds in which one learns, by whether it sees pictures
+# Settings with which networks learn in so few steps; those of Stable-Baselines3 are for a million.
+DQN: dict[str, Any] = {"learning_rate": 1e-3, "batch_size": 64, "learning_starts": 1_000}
+DQN |= {"target_update_interval": 500, "exploration_fraction": 0.3}
+PPO: dict[str, Any] = {"n_envs": 4, "n_steps": 128, "learning_rate": 1e-3, "normalize": True}
+LEAST, STEPS = 2_000, 100  # steps of a network at least, and of a class to see how long one takes
 LIMIT = 500  # time limit of an environment that has none
 # Options of `tabulate` for random steps.
 SAMPLED: dict[str, Any] = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}
@@ -189,8 +195,8 @@ def _study(
     name: str, recipe: Recipe, env: Env[Any, Any], say: Callable[[str], object]
 ) -> tuple[str, list[str]]:
     if not is_discrete(env.action_space):
-        _checked(env)
-        return _of_network(name, recipe, env, [], "its actions are no whole numbers")
+        why = "its actions are no whole numbers"
+        return _of_network(name, recipe, env, [], why, _checked(env))
     say(f"playing {EPISODES} episodes of random actions (at most {PLAYED:.0f} s)")
     play, notes = Play(env), list[str]()
     if not play.follows_seed:
@@ -213,7 +219,7 @@ def _study(
     ways = _ways(env, play)
     found = _searched(ways, recipe, play, say)
     if found.task is None:
-        return _of_network(name, recipe, env, notes, _refused(found, play), play.limit)
+        return _of_network(name, recipe, env, notes, _refused(found, play), play.a_step, play.limit)
     if is_live(found.task):
         notes += _of_live(found, play)
     elif not has_table(env):
@@ -231,10 +237,10 @@ def _study(
         target = trial({}, task)
         if target.judgement is None or not target.judgement.refusal:
             break
-    if live and budgets and target.steps == math.inf and task.states.size > VAST:
-        few = f"of its {task.states.size:,} states few are met in {budgets[-1]:,} steps"
-        why = f"{few}, in which a table learnt nothing"
-        return _of_network(name, recipe, env, notes, why, play.limit)
+    if live and target.steps == math.inf and task.states.size > VAST:
+        few = f"few of its {task.states.size:,} states are met in {LIVE[0]:,} steps"
+        why = few + ", in which a table learnt nothing" * bool(budgets)
+        return _of_network(name, recipe, env, notes, why, play.a_step, play.limit)
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
     arguments = list(arguments_of(recipe, env))
@@ -265,12 +271,18 @@ def _study(
     return _text(name, recipe, notes, filled), notes
 
 
-def _checked(env: Env[Any, Any]) -> None:
-    """Raise TaskError unless a reset and a step return what the spaces announce."""
+def _checked(env: Env[Any, Any]) -> float:
+    """Return the seconds of a step; TaskError unless parts are what the spaces announce."""
     check_observation(env.observation_space, checked_parts("reset", seeded_reset(env, 0))[0])
     env.action_space.seed(0)
-    stepped = checked_parts("step", env.step(env.action_space.sample()))
-    check_observation(env.observation_space, stepped[0])
+    seconds = list[float]()
+    over = cut = False
+    while not (over or cut or len(seconds) == STEPS or sum(seconds) > PLAYED):
+        action, began = env.action_space.sample(), time.perf_counter()
+        observed, _, over, cut, _ = checked_parts("step", env.step(action))
+        seconds.append(time.perf_counter() - began)
+        check_observation(env.observation_space, observed)
+    return sum(seconds) / len(seconds)
 
 
 def _refused(found: Found, play: Play) -> str:
@@ -434,9 +446,10 @@ def _of_network(
     env: Env[Any, Any],
     notes: list[str],
     why: str,
+    seconds: float,
     limit: int | None = None,
 ) -> tuple[str, list[str]]:
-    """Return a study that a network learns."""
+    """Return a study that a network learns; a step of the environment takes `seconds`."""
     observed, acting = env.observation_space, env.action_space
     if not isinstance(acting, Box | Discrete | MultiDiscrete | MultiBinary):
         raise ConfigError(
@@ -455,19 +468,28 @@ def _of_network(
     policy = "CnnPolicy" if picture else "MlpPolicy"
     view = {"encode": "MiniGridView"} if is_minigrid(env) else {}  # else its mission is a text
     policy = "MultiInputPolicy" if isinstance(observed, Dict) and not view else policy
-    algorithms = ("DQN", "PPO") if isinstance(acting, Discrete) else ("PPO", "A2C")
+    # Evaluation takes about as many steps as learning, so that of long episodes few are played.
+    most = min(NETWORKS, int(A_SEED / (A_STEP[picture] + 2 * seconds)))
+    budget = max(int(float(f"{most:.1g}")), LEAST)
     notes = [*notes, f"learnt by a network, as it is not tabulated: {why}"]
     notes.append(
-        f"no easier relative was tried, as networks take long; {NETWORKS:,} steps are what minutes "
+        f"no easier relative was tried, as networks take long; {budget:,} steps are what minutes "
         "allow, and may be too few to learn anything"
     )
     longest = time_limit_of(env) or limit or LIMIT
-    checkpoints = min(max(NETWORKS // longest, 5), 10)
-    # Evaluation takes about as many steps as learning: of long episodes few are played.
-    filled: dict[str, Any] = {"episodes": min(max(NETWORKS // (checkpoints * longest), 1), 5)}
+    checkpoints = min(max(budget // longest, 5), 10)
+    filled: dict[str, Any] = {"episodes": min(max(budget // (checkpoints * longest), 1), 5)}
     filled |= {"kind": "observation_task", "keys": _limit(env, limit) | view, "live": True}
-    filled |= {"budget": NETWORKS, "checkpoints": checkpoints, "sources": {}, "sparse": False}
-    filled |= {"network": (algorithms[0], policy, algorithms[1])}
+    filled |= {"budget": budget, "checkpoints": checkpoints, "sources": {}, "sparse": False}
+    ppo = PPO | ({"normalize": {"norm_obs": False}} if picture else {})
+    if isinstance(acting, Discrete):  # a buffer of a million pictures would take tens of GB
+        learners = [("DQN", "DQN", DQN | {"buffer_size": budget}), ("PPO", "PPO", ppo)]
+    elif isinstance(acting, Box):
+        learners = [("PPO", "PPO", ppo | {"use_sde": True})]
+        learners.append(("with plain noise", "PPO", {"use_sde": False}))
+    else:
+        learners = [("PPO", "PPO", ppo), ("A2C", "A2C", {"normalize": ppo["normalize"]})]
+    filled |= {"policy": policy, "learners": learners}
     return _text(name, recipe, notes, filled), notes
 
 
@@ -480,5 +502,5 @@ def _text(name: str, recipe: object, notes: list[str], filled: dict[str, Any]) -
     comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
     environment.filters |= {"json": _toml, "comment": comment}
     template = environment.get_template("environment.txt", globals={"discount": DISCOUNT})
-    filled = {"name": name, "own": callable(recipe), "notes": notes, "network": None, **filled}
+    filled = {"name": name, "own": callable(recipe), "notes": notes, "learners": None, **filled}
     return template.render(filled)
