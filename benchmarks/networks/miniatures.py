@@ -5,7 +5,7 @@
 Each target's results are a study's: a stopped run goes on, and `curricle show` reads them. At the
 end the table of docs/networks.md is printed, of all targets in DIR. Its areas are mean returns over
 all steps, 60,000 and those of the miniatures' models, which come before the first return; gains are
-over the best opponent, and p is corrected for the number of targets (Holm). The steps and seconds
+over the best opponent, and p is corrected for all ten targets (Holm). The steps and seconds
 that miniatures take are printed by `--price`, of hard targets (hard.toml) all checkpoints.
 
 Brackets are 95 % intervals over seeds; returns are undiscounted. Actions of actor-critics are drawn
@@ -156,10 +156,11 @@ def learned(results: StudyResults) -> None:
 
 
 def rows(made: dict[str, StudyResults]) -> Iterator[tuple[str, ...]]:
-    """Yield a row of each target, with the verdict on its arm; p corrected for their number."""
+    """Yield a row of each target, with the verdict on its arm; p corrected for all TARGETS."""
     comparisons = [results.comparison for results in made.values()]
-    corrected = holm([comparison.contrasts[ARM].p for comparison in comparisons])
-    for target, comparison, p in zip(made, comparisons, corrected, strict=True):
+    p_values = [comparison.contrasts[ARM].p for comparison in comparisons]
+    corrected = holm(p_values + [1.0] * (len(TARGETS) - len(made)))  # 1 where not yet played
+    for target, comparison, p in zip(made, comparisons, corrected, strict=False):
         contrast, best = comparison.contrasts[ARM], comparison.best_opponent(ARM)
         areas = {short_name(arm): comparison.mean_return(arm) for arm in comparison.shown}
         area = areas.pop(ARM)

@@ -92,6 +92,7 @@ class Alone(Robot):  # no argument makes it easier, and one step leads to the go
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.row = 1
+        print("alone again")  # as some classes do, thousands of times
         return np.array([1, 0]), {}
 
 
@@ -552,6 +553,7 @@ def test_a_study_without_a_relative_ends_in_the_best_learner(curricle, robots):
     code, out, steps = curricle("new", "robots:Alone")
     assert code == 0, steps
     assert "no easier relative was found: the study compares learners without one" in out
+    assert "alone again" not in out + steps
     assert "... searching for its states (at most 10 s)" in steps
     code, out, _ = curricle("check", "Alone.toml")
     assert "no forecast: no arm has a source" in out

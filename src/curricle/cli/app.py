@@ -10,7 +10,7 @@ import os
 import sys
 import traceback
 from collections import Counter
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict
 from importlib.metadata import version
 from io import StringIO, TextIOWrapper
@@ -183,7 +183,8 @@ def new(
         from curricle.progress import compilation
 
         compilation().prints = True
-    _, text, notes = new_study(kind, path.parent, lambda step: echo(f"... {step}", err=True))
+    with redirect_stdout(StringIO()):  # a class that is played may print something at each step
+        _, text, notes = new_study(kind, path.parent, lambda step: echo(f"... {step}", err=True))
     try:
         with path.open("x", encoding="utf-8") as written:
             written.write(text)
