@@ -198,24 +198,8 @@ def _study(
         why = "its actions are no whole numbers"
         return _of_network(name, recipe, env, [], why, _checked(env))
     say(f"playing {EPISODES} episodes of random actions (at most {PLAYED:.0f} s)")
-    play, notes = Play(env), list[str]()
-    if not play.follows_seed:
-        notes.append(
-            "two resets with one seed and the same actions differ, so that results cannot be "
-            "repeated: let reset call super().reset(seed=seed), and draw from self.np_random alone"
-        )
-    fixed = dict[str, Any]()
-    with opened(recipe, EnvironmentMaker(recipe)) as other:
-        if play.follows_seed and not play.is_repeated_in(other):
-            if callable(recipe) and "seed" in signature(recipe).parameters:
-                fixed = {"seed": 0}
-                recipe = partial(recipe, seed=0)
-            notes.append(DRAWN + (ITS_SEED if fixed else IN_RESET))
-    if play.masks and not play.told:
-        notes.append(
-            "observations do not tell which actions are available: all count as available, and "
-            "what the class makes of the others is learnt"
-        )
+    play = Play(env)
+    recipe, fixed, notes = _repeatable(recipe, play)
     ways = _ways(env, play)
     found = _searched(ways, recipe, play, say)
     if found.task is None:
@@ -255,20 +239,36 @@ def _study(
     keys = _keys(way) | ({"arguments": fixed} if fixed else {})
     most = max(budgets, default=LIVE[0])
     budget = _rounded_up(min(max(3 * target.steps, BUDGETS[0]), 2 * most))
-    sources = {
-        _label(variant): _source(variant, budget, keys, easy.rows) for variant in easy.variants
-    }
-    if near is not None:
-        high, variant = near
-        starts = keys | {"start_states": {"distance": [1, high]}}
-        sources[NEAR] = _source(variant, budget, starts)
     notes += _of_sources(target, easy, near, f"over {most:,}")
-    filled = {"live": live, "budget": budget, "checkpoints": 20, "sources": sources}
+    filled: dict[str, Any] = {"live": live, "budget": budget, "checkpoints": 20}
+    filled["sources"] = _sources(easy, near, budget, keys)
     vast = task.states.size * task.actions.size > MOST_PAIRS
     filled["sparse"] = live and vast and "action_masks" not in keys  # masks need dense tables
     filled["kind"] = "tabulated" if way.func is tabulate else "gymnasium"
     filled["keys"] = keys | _in_rows_keys(task, easy.rows)
     return _text(name, recipe, notes, filled), notes
+
+
+def _repeatable(recipe: Recipe, play: Play) -> tuple[Recipe, dict[str, Any], list[str]]:
+    """Return a recipe whose environments are alike, the arguments that make them so, and notes."""
+    fixed, notes = dict[str, Any](), list[str]()
+    if not play.follows_seed:
+        notes.append(
+            "two resets with one seed and the same actions differ, so that results cannot be "
+            "repeated: let reset call super().reset(seed=seed), and draw from self.np_random alone"
+        )
+    with opened(recipe, EnvironmentMaker(recipe)) as other:
+        if play.follows_seed and not play.is_repeated_in(other):
+            if callable(recipe) and "seed" in signature(recipe).parameters:
+                fixed = {"seed": 0}
+                recipe = partial(recipe, seed=0)
+            notes.append(DRAWN + (ITS_SEED if fixed else IN_RESET))
+    if play.masks and not play.told:
+        notes.append(
+            "observations do not tell which actions are available: all count as available, and "
+            "what the class makes of the others is learnt"
+        )
+    return recipe, fixed, notes
 
 
 def _checked(env: Env[Any, Any]) -> float:
@@ -370,6 +370,16 @@ def _label(variant: Variant) -> str:
     """Return a variant's name in a file."""
     parts = (f"{argument}_{value}" for argument, value in variant.arguments.items())
     return re.sub(r"[^\w-]", "_", "_".join(parts))
+
+
+def _sources(
+    easy: Easier, near: tuple[int, Variant] | None, budget: int, keys: dict[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Return what the file says of each source, by its name."""
+    if near is not None:
+        high, variant = near
+        return {NEAR: _source(variant, budget, keys | {"start_states": {"distance": [1, high]}})}
+    return {_label(of): _source(of, budget, keys, easy.rows) for of in easy.variants}
 
 
 def _source(
