@@ -28,7 +28,7 @@ from curricle.comparison.verdicts import (
     steps_saved_share,
 )
 from curricle.learning.learners import OptimisticQLearning
-from curricle.statistics.curves import SCRATCH
+from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.statistics.intervals import Interval, clusters, interquartile_interval
 from curricle.text import counted, minus, or_dash, rounded
 
@@ -640,7 +640,7 @@ def seeds_sentence(arms: MeasuredArms, name: str, questions: int, seeds: int) ->
         half = ", half a standard deviation of its opponent's runs,"
         deviation = float(arms.returns[arms.best_opponent(name)].std(ddof=1))
         apart, gain = apart - gain + deviation / 2, deviation / 2
-    if not gain > 0:
+    if not gain > ROUNDING * np.abs(arms.returns[name]).max():  # all seeds have equal returns
         return ""
     return (
         f"about {counted(seeds_to_show(apart, questions), 'seed')} show a gain of {gain:.3g}{half} "
