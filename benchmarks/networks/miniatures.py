@@ -1,6 +1,6 @@
 """The study of miniatures: ten targets, six hard targets, and four that settings are chosen on.
 
-    python -m benchmarks.networks.miniatures [--targets ...] [--seeds 10] [--workers 2] [--out DIR]
+    python -m benchmarks.networks.miniatures [--targets ...] [--seeds N] [--workers 2] [--out DIR]
 
 Each target's results are a study's: a stopped run goes on, and `curricle show` reads them. At the
 end the table of docs/networks.md is printed, of all targets in DIR. Its areas are mean returns over
@@ -140,10 +140,11 @@ DEVELOPMENT = {
 ALL = {**TARGETS, **HARD, **DEVELOPMENT}
 
 
-def study_of(target: str, seeds: int) -> StudyConfig:
-    """Return the study of a target."""
+def study_of(target: str, seeds: int | None = None) -> StudyConfig:
+    """Return the study of a target, with its file's seeds unless a number is given."""
     file = HARD_FILE if target in HARD else FILE
-    return read_study(file, set=[f"name={target}", f"seeds={seeds}", *ALL[target]])
+    stated = [] if seeds is None else [f"seeds={seeds}"]
+    return read_study(file, set=[f"name={target}", *stated, *ALL[target]])
 
 
 def learned(results: StudyResults) -> None:
@@ -223,7 +224,7 @@ def price(study: StudyConfig) -> str:
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--targets", nargs="*", default=list(TARGETS), choices=list(ALL))
-    options.add_argument("--seeds", type=int, default=10)
+    options.add_argument("--seeds", type=int)
     options.add_argument("--workers", type=int, default=2)
     options.add_argument("--out", type=Path, default=Path("miniatures-results"))
     options.add_argument("--price", action="store_true", help="print what the miniatures cost")
