@@ -366,6 +366,7 @@ def test_a_network_pays_by_what_it_knows_if_it_gains_more_than_its_placebo():
     comparison = replace(table, arms={**table.arms, "mean": network})
     assert comparison.contrasts["mean"].answer == "pays, by what it knows"
     assert "Not known" not in str(comparison)
+    assert str(comparison).count("mean gains more than its placebo") == 1
     alone = replace(comparison, arms={name: comparison[name] for name in ("scratch", "mean")})
     assert alone.reasons["mean"].why == "not known"
 

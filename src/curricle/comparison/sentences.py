@@ -299,7 +299,7 @@ def lines_below(arms: MeasuredArms) -> list[str]:
     ]
     lines += [unlearnt(arms, name) or _level_sentence(arms, name) for name in arms.controls]
     lines += [why_unknown(arms, list(arms.reasons)), *arms.remarks]
-    return [line for line in lines if line]
+    return [line for line in dict.fromkeys(lines) if line]  # a placebo may be the only control
 
 
 def why_unknown(arms: MeasuredArms, names: Sequence[str]) -> str:
