@@ -1,4 +1,4 @@
-"""The study of miniatures: ten targets, six hard targets, and four that settings are chosen on.
+"""The study of miniatures: ten targets, eleven hard ones, and four that settings are chosen on.
 
     python -m benchmarks.networks.miniatures [--targets ...] [--seeds N] [--workers 2] [--out DIR]
 
@@ -6,7 +6,8 @@ Each target's results are a study's: a stopped run goes on, and `curricle show` 
 end the table of docs/networks.md is printed, of all targets in DIR. Its areas are mean returns over
 all steps, 60,000 and those of the miniatures' models, which come before the first return; gains are
 over the best opponent, and p is corrected for all ten targets (Holm). The steps and seconds
-that miniatures take are printed by `--price`, of hard targets (hard.toml) all checkpoints.
+that miniatures take are printed by `--price`, of hard targets (hard.toml, chain.toml)
+all checkpoints.
 
 Brackets are 95 % intervals over seeds; returns are undiscounted. Actions of actor-critics are drawn
 from their policy where observations hide a part of the state, DQN's are greedy.
@@ -29,7 +30,7 @@ from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyConfig, StudyResults, WorkerProcesses
 
 FILE = Path(__file__).with_suffix(".toml")
-HARD_FILE = FILE.with_name("hard.toml")
+HARD_FILE, CHAIN_FILE = FILE.with_name("hard.toml"), FILE.with_name("chain.toml")
 TIMED = 4_096  # steps of PPO
 ARM, NO_DIFFERENCE = "distilled", "no difference shown"
 HEADS = ("target", "models' steps", "opponents' and placebo's areas", "distilled: start, area, end")
@@ -83,16 +84,24 @@ def control(name: str, points: int, held: int, zoo: list[str], qr: list[str]) ->
     ]
 
 
+def member(id: str, side: int = 0, **arguments: int) -> str:
+    """Return a smaller level of MiniGrid as a file has it, maybe with rooms of another side."""
+    id = f'id = "minigrid:MiniGrid-{id}"'
+    if side:
+        return f'{{ factory = "levels:rooms", arguments = {{ {id}, side = {side} }} }}'
+    stated = ", ".join(f"{name} = {value}" for name, value in arguments.items())
+    return f"{{ {id}, arguments = {{ {stated} }} }}"
+
+
 def smaller_rooms(target: str, *sides: int) -> list[str]:
     """Return the changes for a level of MiniGrid and the same level with smaller rooms."""
-    id = f"minigrid:MiniGrid-{target}"
-    small = '{{ factory = "levels:rooms", arguments = {{ id = "{}", side = {} }} }}'
-    members = ", ".join(small.format(id, side) for side in sides)
+    members = ", ".join(member(target, side=side) for side in sides)
     return [*level(target, seen="carry"), f"tasks.small.members=[{members}]"]
 
 
-ROOM = '{{ id = "minigrid:MiniGrid-MultiRoom-N2-S4-v0", arguments = {{ maxRoomSize = {} }} }}'
-ROOMS = f"tasks.small.members=[{ROOM.format(4)}, {ROOM.format(5)}]"  # of sides up to 4 and up to 5
+TWO_ROOMS = "MultiRoom-N2-S4-v0"
+UP_TO_5 = ", ".join(member(TWO_ROOMS, maxRoomSize=side) for side in (4, 5))
+ROOMS = f"tasks.small.members=[{UP_TO_5}]"
 TARGETS = {
     "crossing 9": level("SimpleCrossingS9N3-v0", "SimpleCrossingS9N1-v0", seen="walk"),
     "crossing 11": level("SimpleCrossingS11N5-v0", "SimpleCrossingS9N1-v0", seen="walk"),
@@ -130,6 +139,45 @@ HARD = {
     "maze": hard(smaller_rooms("ObstructedMaze-1Dlh-v0", 4), 40, 300_000, 50_000, 396_000),
     "blocked": hard(smaller_rooms("BlockedUnlockPickup-v0", 4), 18, 300_000, 50_000, 656_160),
 }
+
+
+def chain(target: str, middle: str, small: list[str], seen: str, resets: int) -> list[str]:
+    """Return the changes for a hard level after a level between."""
+    ids = {"middle": middle, "target": target}
+    return [
+        f"tasks.small.members=[{', '.join(small)}]",
+        f"tasks.small.resets={resets}",
+        *(f"tasks.{task}.id=minigrid:MiniGrid-{id}" for task, id in ids.items()),
+        *(f"tasks.{task}.encode=levels:{seen}" for task in ("small", *ids)),
+    ]
+
+
+MAZE, BLOCKED = "ObstructedMaze-1Dlh-v0", "BlockedUnlockPickup-v0"
+BETWEEN_ROOMS = {"minNumRooms": 3, "maxNumRooms": 3, "maxRoomSize": 6}
+SMALL_ROOMS = [member(TWO_ROOMS, maxRoomSize=6), member(TWO_ROOMS, **BETWEEN_ROOMS)]
+ONE_ROW = member("KeyCorridorS4R3-v0", num_rows=1)
+CORRIDORS = [member("KeyCorridorS3R1-v0"), member("KeyCorridorS3R2-v0"), ONE_ROW]
+TWO_ROWS = "tasks.middle.arguments.num_rows=2"
+CHAINS = {
+    "rooms 6": [
+        *chain("MultiRoom-N6-v0", "MultiRoom-N4-S5-v1", SMALL_ROOMS, "opens", 30),
+        "tasks.middle.arguments.maxRoomSize=8",
+    ],
+    "blocked, by a chain": chain(BLOCKED, "UnlockPickup-v0", [member(BLOCKED, 4)], "carry", 9),
+    "maze 2": chain("ObstructedMaze-2Dlh-v0", MAZE, [member(MAZE, 4)], "carry", 20),
+    "corridor 4": [
+        *chain("KeyCorridorS4R3-v0", "KeyCorridorS4R3-v0", CORRIDORS, "carry", 8),
+        TWO_ROWS,
+        "seeds=5",
+        "tasks.middle.budget=250_000",
+        "tasks.target.budget=300_000",
+    ],
+    "corridor 5": [
+        *chain("KeyCorridorS5R3-v0", "KeyCorridorS4R3-v0", CORRIDORS, "carry", 4),
+        TWO_ROWS,
+    ],
+}
+"""Hard levels after a level between, a million steps in all at most."""
 DEVELOPMENT = {
     "crossing 2": level("SimpleCrossingS9N2-v0", "SimpleCrossingS9N1-v0", seen="walk"),
     "gap": level("LavaGapS7-v0", "LavaGapS5-v0", "LavaGapS6-v0", seen="walk"),
@@ -137,12 +185,12 @@ DEVELOPMENT = {
     "acrobot": control("Acrobot-v1", 15, 5, [], []),
 }
 """What settings are chosen on."""
-ALL = {**TARGETS, **HARD, **DEVELOPMENT}
+ALL = {**TARGETS, **HARD, **CHAINS, **DEVELOPMENT}
 
 
 def study_of(target: str, seeds: int | None = None) -> StudyConfig:
     """Return the study of a target, with its file's seeds unless a number is given."""
-    file = HARD_FILE if target in HARD else FILE
+    file = HARD_FILE if target in HARD else CHAIN_FILE if target in CHAINS else FILE
     stated = [] if seeds is None else [f"seeds={seeds}"]
     return read_study(file, set=[f"name={target}", *stated, *ALL[target]])
 
@@ -237,7 +285,7 @@ def main() -> None:
             continue
         with WorkerProcesses(chosen.workers) as executor:
             results = run_study(study, chosen.out / target, executor=executor, resume=True)
-        if target in HARD:
+        if target in HARD or target in CHAINS:
             learned(results)
         print(price(study), flush=True)
     print(markdown(HEADS, rows(finished(chosen.out))))
