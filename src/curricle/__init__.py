@@ -46,13 +46,17 @@ def _meant(name):
     """Return ``: did you mean NAME?`` for an unknown name, which may be in a package; or ""."""
     from difflib import get_close_matches
 
-    names = {public.lower(): public for public in __all__}
-    for stub in Path(__file__).parent.glob("*/__init__.pyi"):
-        for public in findall(r" as (\w+)", stub.read_text("utf-8")):
-            names.setdefault(public.lower(), f"{stub.parent.name}.{public}")
+    folder, names = Path(__file__).parent, dict(zip(__all__, __all__, strict=True))
+    found = [(file.parent.name, r" as (\w+)", file) for file in folder.glob("*/__init__.pyi")]
+    for package, named, file in [*found, ("errors", r"class (\w+)", folder / "errors.py")]:
+        for public in findall(named, file.read_text("utf-8")):
+            names.setdefault(public, f"{package}.{public}")
+    if name in names:
+        return f": did you mean {names[name]}?"
+    lower = {public.lower(): public for public in reversed(names)}
     word = name.lower().replace("ucb", "optimistic")
-    near = get_close_matches(word, names, 1) if name[:1] != "_" else []
-    return "".join(f": did you mean {names[public]}?" for public in near)
+    near = get_close_matches(word, lower, 1) if name[:1] != "_" else []
+    return "".join(f": did you mean {names[lower[public]]}?" for public in near)
 
 
 register()

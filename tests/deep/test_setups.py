@@ -11,6 +11,7 @@ import torch
 from gymnasium.spaces import Box, Dict, Discrete
 from gymnasium.wrappers import FrameStackObservation, TransformObservation
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.torch_layers import FlattenExtractor, NatureCNN
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnvWrapper, VecNormalize
 
 import curricle as cr
@@ -205,6 +206,16 @@ def painted(env):
     space = Box(0, 255, (40, 40, 3), np.uint8)
     picture = np.ones((40, 40, 3), np.uint8)
     return TransformObservation(env, lambda seen: picture * np.uint8(seen[0] * 50 + 99), space)
+
+
+@pytest.mark.parametrize(
+    ("policy", "inner"), [("MlpPolicy", FlattenExtractor), ("CnnPolicy", NatureCNN)]
+)
+def test_a_picture_that_is_standardised_is_read_as_its_policy_reads_it(policy, inner):
+    task = cr.observation_task("CartPole-v1", encode=painted)
+    learner = DeepLearner("PPO", policy, settings={"n_steps": 8, "normalize": True})
+    (part,) = Standardized.of(models.model_for(task, learner).policy)
+    assert type(part.inner) is inner
 
 
 def goals(env):

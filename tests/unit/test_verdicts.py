@@ -453,7 +453,7 @@ def test_the_sentence_on_seeds_is_of_the_gain_or_of_half_a_standard_deviation():
     )
     assert few < more
     even = compared(scratch=[1.0] * 8, mine=[1.0] * 8)
-    rounded = compared(scratch=[9.0] * 7 + [9.0 + 1e-13], mine=[1.0] * 8)
+    rounded = compared(scratch=[9.0] * 7 + [9.0 + 1e-13], mine=[0.0] * 8)
     assert seeds_sentence(even, "mine", 1, 20) == seeds_sentence(better, "failed", 1, 20) == ""
     assert seeds_sentence(rounded, "mine", 1, 20) == ""
 

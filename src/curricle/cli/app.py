@@ -183,7 +183,8 @@ def new(
         from curricle.progress import compilation
 
         compilation().prints = True
-    with redirect_stdout(StringIO()):  # a class that is played may print something at each step
+    # A class that is played may print something at each step.
+    with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
         _, text, notes = new_study(kind, path.parent, lambda step: echo(f"... {step}", err=True))
     try:
         with path.open("x", encoding="utf-8") as written:

@@ -638,10 +638,11 @@ def seeds_sentence(arms: MeasuredArms, name: str, questions: int, seeds: int) ->
     gain, half = float(apart.mean(axis=1).min()), ""
     if gain <= 0:
         half = ", half a standard deviation of its opponent's runs,"
-        deviation = float(arms.returns[arms.best_opponent(name)].std(ddof=1))
+        of_rival = arms.returns[arms.best_opponent(name)]
+        deviation = float(of_rival.std(ddof=1))
+        if not deviation > ROUNDING * np.abs(of_rival).max():  # all its seeds have equal returns
+            return ""
         apart, gain = apart - gain + deviation / 2, deviation / 2
-    if not gain > ROUNDING * np.abs(arms.returns[name]).max():  # all seeds have equal returns
-        return ""
     return (
         f"about {counted(seeds_to_show(apart, questions), 'seed')} show a gain of {gain:.3g}{half} "
         f"in 80 % of studies of this spread; this study has {seeds}"

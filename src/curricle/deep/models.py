@@ -15,6 +15,7 @@ from stable_baselines3.common import noise as action_noise, vec_env
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.torch_layers import NatureCNN
 
 from curricle.deep.learner import (
     NOISE,
@@ -66,6 +67,8 @@ def model_for(
         kwargs = dict(settings.get("policy_kwargs") or {})
         of_kind = {"features_extractor_class", "features_extractor_kwargs"}
         inner = {name.removeprefix("features_"): kwargs.pop(name) for name in of_kind & {*kwargs}}
+        if learner.policy.startswith("Cnn"):
+            inner.setdefault("extractor_class", NatureCNN)
         inner["epsilon"] = learner.normal.get("epsilon", 1e-8) if normalizes[0] else None
         kwargs |= {"features_extractor_class": Standardized, "features_extractor_kwargs": inner}
         settings["policy_kwargs"] = kwargs

@@ -21,13 +21,12 @@ from curricle.transfer.rollouts import Policy
 try:
     import torch
     from stable_baselines3.common.policies import ActorCriticPolicy
-    from stable_baselines3.common.preprocessing import is_image_space, preprocess_obs
+    from stable_baselines3.common.preprocessing import preprocess_obs
     from stable_baselines3.common.torch_layers import (
         BaseFeaturesExtractor,
         CombinedExtractor,
         FlattenExtractor,
         MlpExtractor,
-        NatureCNN,
     )
     from stable_baselines3.common.vec_env import unwrap_vec_normalize
 except ModuleNotFoundError:  # the extra is not installed: SmallCNN raises ImportError
@@ -318,11 +317,8 @@ class Standardized(BaseFeaturesExtractor):
         *,
         epsilon: float | None = 1e-8,
     ):
-        whole = isinstance(observation_space, Dict)
-        usual = NatureCNN if is_image_space(observation_space) else FlattenExtractor
-        inner = (extractor_class or (CombinedExtractor if whole else usual))(
-            observation_space, **(extractor_kwargs or {})
-        )
+        usual = CombinedExtractor if isinstance(observation_space, Dict) else FlattenExtractor
+        inner = (extractor_class or usual)(observation_space, **(extractor_kwargs or {}))
         super().__init__(observation_space, inner.features_dim)
         parts: dict[str, Any] = getattr(observation_space, "spaces", {"": observation_space})
         boxes = [key for key, part in parts.items() if isinstance(part, Box)]

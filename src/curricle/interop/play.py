@@ -37,12 +37,12 @@ class Play:
         self.points, self.attributes = list[list[Any]](), list[Words]()  # points: of observations
         self.times, self.cuts = list[int](), list[int]()  # steps since the reset; at a truncation
         self.act, self.actions = actions_of(env.action_space, None, None)
-        began, self._stepping = time.perf_counter(), 0.0  # seconds in steps
+        began, self._seconds = time.perf_counter(), 0.0  # of the environment alone
         self._until = began + PLAYED
         first, *_, again = [self._episode(env, seed) for seed in (*range(EPISODES), 0)]
         self.follows_seed, self._first = all(map(same_observation, first, again)), first
         self.speed = len(self.times) / (time.perf_counter() - began)  # steps a second
-        self.a_step = self._stepping / len(self.times)  # seconds of the environment alone
+        self.seconds_a_step = self._seconds / max(1, int(np.count_nonzero(self.times)))
 
     def is_repeated_in(self, other: Env[Any, Any]) -> bool:
         """Return whether another environment of the class shows the same in the first episode."""
@@ -52,7 +52,9 @@ class Play:
         """Return observations and rewards of an episode; TaskError where it is not Gymnasium's."""
         rng, states = np.random.default_rng(seed), list[Any]()
         over, cut, reward = False, False, 0.0
+        began = time.perf_counter()
         observed, info = checked_parts("reset", seeded_reset(env, seed))
+        self._seconds += time.perf_counter() - began
         check_observation(env.observation_space, observed)
         self.masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
         while True:
@@ -74,7 +76,7 @@ class Play:
             action = self.act(int(rng.choice(allowed)))
             began = time.perf_counter()
             observed, reward, over, cut, info = checked_parts("step", env.step(action))
-            self._stepping += time.perf_counter() - began
+            self._seconds += time.perf_counter() - began
             check_observation(env.observation_space, observed)
 
     @property

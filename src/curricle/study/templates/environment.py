@@ -58,19 +58,21 @@ from curricle.text import counted
 
 DISCOUNT = 0.99
 VAST = 100_000  # states of a live task, of which a trial meets few
-NETWORKS, A_SEED = 30_000, 16.0  # steps of a network at most; seconds that they may take a seed
-A_STEP = {False: 5e-4, True: 1e-2}  # seconds in which one learns, by whether it sees pictures
+MOST_STEPS, LEAST_STEPS = 30_000, 2_000  # of a network
+SECONDS_A_SEED = 16.0  # that a network may take
+SECONDS_A_STEP = {False: 5e-4, True: 1e-2}  # of its learning, by whether it sees pictures
 # Settings with which networks learn in so few steps; those of Stable-Baselines3 are for a million.
-DQN: dict[str, Any] = {"learning_rate": 1e-3, "batch_size": 64, "learning_starts": 1_000}
-DQN |= {"target_update_interval": 500, "exploration_fraction": 0.3}
-PPO: dict[str, Any] = {"n_envs": 4, "n_steps": 128, "learning_rate": 1e-3, "normalize": True}
-LEAST, STEPS = 2_000, 100  # steps of a network at least, and of a class to see how long one takes
+OF_DQN: dict[str, Any] = {"learning_rate": 1e-3, "batch_size": 64, "target_update_interval": 500}
+OF_DQN |= {"exploration_fraction": 0.3}
+OF_PPO: dict[str, Any] = {"n_envs": 4, "learning_rate": 1e-3, "normalize": True}
+TIMED_STEPS = 100  # to see how long a step of a class takes
 LIMIT = 500  # time limit of an environment that has none
 # Options of `tabulate` for random steps.
 SAMPLED: dict[str, Any] = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}
 JUDGED = {"samples": 8}  # the same to judge a variant
 NEAR = "near_the_goal"  # the source whose episodes start near the goal
 RESETS, MOST_RESETS = 1 + MORE_RESETS, 288  # where these differ: at first, and while new ones come
+BY_NETWORK = "learnt by a network, as it is not tabulated: "
 NONE_FOUND = "no easier relative was found"
 DRAWN = "two environments of the class differ under one seed, as its constructor draws numbers: "
 ITS_SEED = "all tasks have seed = 0"
@@ -195,18 +197,24 @@ def _study(
     name: str, recipe: Recipe, env: Env[Any, Any], say: Callable[[str], object]
 ) -> tuple[str, list[str]]:
     if not is_discrete(env.action_space):
-        why = "its actions are no whole numbers"
-        return _of_network(name, recipe, env, [], why, _checked(env))
+        notes = [BY_NETWORK + "its actions are no whole numbers"]
+        return _of_network(name, recipe, env, notes, _limit(env, None), _checked(env))
     say(f"playing {EPISODES} episodes of random actions (at most {PLAYED:.0f} s)")
     play = Play(env)
     recipe, fixed, notes = _repeatable(recipe, play)
     ways = _ways(env, play)
     found = _searched(ways, recipe, play, say)
+
+    def by_network(why: str) -> tuple[str, list[str]]:
+        notes.append(BY_NETWORK + why)
+        if play.masks and play.told:
+            notes.append("the network is not told which actions are available, and tries all")
+        keys = _limit(env, play.limit) | fixed
+        return _of_network(name, recipe, env, notes, keys, play.seconds_a_step)
+
     if found.task is None:
-        return _of_network(name, recipe, env, notes, _refused(found, play), play.a_step, play.limit)
-    if is_live(found.task):
-        notes += _of_live(found, play)
-    elif not has_table(env):
+        return by_network(_refused(found, play))
+    if not (is_live(found.task) or has_table(env)):
         if found.task.record.several:
             say(f"searching from more resets, which differ (at most {2 * SECONDS:.0f} s)")
         found, more = _of_tables(found, recipe, play)
@@ -223,8 +231,9 @@ def _study(
             break
     if live and target.steps == math.inf and task.states.size > VAST:
         few = f"few of its {task.states.size:,} states are met in {LIVE[0]:,} steps"
-        why = few + ", in which a table learnt nothing" * bool(budgets)
-        return _of_network(name, recipe, env, notes, why, play.a_step, play.limit)
+        return by_network(few + ", in which a table learnt nothing" * bool(budgets))
+    if live:
+        notes += _of_live(found, play)
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
     arguments = list(arguments_of(recipe, env))
@@ -236,7 +245,7 @@ def _study(
         of_variant = partial(judged_in_tables, tabulated, in_tables, trial)
     easy = easier(target, partial(_made, way, recipe), iter(arguments), of_variant)
     near = None if easy.variants else near_the_goal(target, trial)
-    keys = _keys(way) | ({"arguments": fixed} if fixed else {})
+    keys = _keys(way) | fixed
     most = max(budgets, default=LIVE[0])
     budget = _rounded_up(min(max(3 * target.steps, BUDGETS[0]), 2 * most))
     notes += _of_sources(target, easy, near, f"over {most:,}")
@@ -250,7 +259,7 @@ def _study(
 
 
 def _repeatable(recipe: Recipe, play: Play) -> tuple[Recipe, dict[str, Any], list[str]]:
-    """Return a recipe whose environments are alike, the arguments that make them so, and notes."""
+    """Return a recipe whose environments are alike, the keys that make them so, and notes."""
     fixed, notes = dict[str, Any](), list[str]()
     if not play.follows_seed:
         notes.append(
@@ -260,7 +269,7 @@ def _repeatable(recipe: Recipe, play: Play) -> tuple[Recipe, dict[str, Any], lis
     with opened(recipe, EnvironmentMaker(recipe)) as other:
         if play.follows_seed and not play.is_repeated_in(other):
             if callable(recipe) and "seed" in signature(recipe).parameters:
-                fixed = {"seed": 0}
+                fixed = {"arguments": {"seed": 0}}
                 recipe = partial(recipe, seed=0)
             notes.append(DRAWN + (ITS_SEED if fixed else IN_RESET))
     if play.masks and not play.told:
@@ -273,16 +282,18 @@ def _repeatable(recipe: Recipe, play: Play) -> tuple[Recipe, dict[str, Any], lis
 
 def _checked(env: Env[Any, Any]) -> float:
     """Return the seconds of a step; TaskError unless parts are what the spaces announce."""
-    check_observation(env.observation_space, checked_parts("reset", seeded_reset(env, 0))[0])
+    began, seconds = time.perf_counter(), list[float]()
+    observed = checked_parts("reset", seeded_reset(env, 0))[0]
+    of_reset = time.perf_counter() - began
+    check_observation(env.observation_space, observed)
     env.action_space.seed(0)
-    seconds = list[float]()
-    over = cut = False
-    while not (over or cut or len(seconds) == STEPS or sum(seconds) > PLAYED):
+    terminated = truncated = False
+    while not (terminated or truncated or len(seconds) == TIMED_STEPS or sum(seconds) > PLAYED):
         action, began = env.action_space.sample(), time.perf_counter()
-        observed, _, over, cut, _ = checked_parts("step", env.step(action))
+        observed, _, terminated, truncated, _ = checked_parts("step", env.step(action))
         seconds.append(time.perf_counter() - began)
         check_observation(env.observation_space, observed)
-    return sum(seconds) / len(seconds)
+    return (of_reset + sum(seconds)) / len(seconds)
 
 
 def _refused(found: Found, play: Play) -> str:
@@ -450,14 +461,18 @@ def _rounded_up(steps: float) -> int:
     return math.ceil(steps / (unit := int(10.0 ** int(math.log10(steps))))) * unit
 
 
+def _rounded_down(steps: int) -> int:
+    """Return steps rounded down to one digit and zeros."""
+    return steps // (unit := int(10.0 ** int(math.log10(steps)))) * unit
+
+
 def _of_network(
     name: str,
     recipe: Recipe,
     env: Env[Any, Any],
     notes: list[str],
-    why: str,
+    keys: dict[str, Any],
     seconds: float,
-    limit: int | None = None,
 ) -> tuple[str, list[str]]:
     """Return a study that a network learns; a step of the environment takes `seconds`."""
     observed, acting = env.observation_space, env.action_space
@@ -466,41 +481,47 @@ def _of_network(
             f"actions must be numbered, or boxes of numbers, to be learnt: those of {name} are "
             f"{acting}; let step take a number that says which action is meant"
         )
-    picture = (
-        isinstance(observed, Box)
-        and len(observed.shape) == 3
-        and (
-            observed.dtype == np.uint8
-            and (observed.low.max(), observed.high.min()) == (0, 255)
-            and sorted(observed.shape)[1] >= LEAST_SIDE
-        )
-    )
-    policy = "CnnPolicy" if picture else "MlpPolicy"
     view = {"encode": "MiniGridView"} if is_minigrid(env) else {}  # else its mission is a text
+    parts = [*observed.spaces.values()] if isinstance(observed, Dict) else [observed]
+    pictures = not view and any(map(_is_picture, parts))
+    policy = "CnnPolicy" if pictures else "MlpPolicy"
     policy = "MultiInputPolicy" if isinstance(observed, Dict) and not view else policy
-    # Evaluation takes about as many steps as learning, so that of long episodes few are played.
-    most = min(NETWORKS, int(A_SEED / (A_STEP[picture] + 2 * seconds)))
-    budget = max(int(float(f"{most:.1g}")), LEAST)
-    notes = [*notes, f"learnt by a network, as it is not tabulated: {why}"]
+    longest = time_limit_of(env) or keys.get("time_limit") or LIMIT
+    # Evaluation takes about as many steps as learning, or three episodes if these are longer.
+    most = int(SECONDS_A_SEED / (SECONDS_A_STEP[pictures] + 2 * seconds))
+    budget = _rounded_down(min(max(most, LEAST_STEPS), MOST_STEPS))
+    checkpoints = min(max(budget // longest, 2), 10)
+    episodes = min(max(budget // (checkpoints * longest), 1), 5)
     notes.append(
         f"no easier relative was tried, as networks take long; {budget:,} steps are what minutes "
         "allow, and may be too few to learn anything"
     )
-    longest = time_limit_of(env) or limit or LIMIT
-    checkpoints = min(max(budget // longest, 5), 10)
-    filled: dict[str, Any] = {"episodes": min(max(budget // (checkpoints * longest), 1), 5)}
-    filled |= {"kind": "observation_task", "keys": _limit(env, limit) | view, "live": True}
-    filled |= {"budget": budget, "checkpoints": checkpoints, "sources": {}, "sparse": False}
-    ppo = PPO | ({"normalize": {"norm_obs": False}} if picture else {})
-    if isinstance(acting, Discrete):  # a buffer of a million pictures would take tens of GB
-        learners = [("DQN", "DQN", DQN | {"buffer_size": budget}), ("PPO", "PPO", ppo)]
+    ppo = OF_PPO | {"n_steps": 128 if budget >= 5 * LEAST_STEPS else 32}
+    ppo |= {"normalize": {"norm_obs": False}} if pictures else {}
+    if isinstance(acting, Discrete):
+        algorithm, settings = "DQN", OF_DQN | {"learning_starts": budget // 30}
+        other = {"PPO": {"algorithm": "PPO", "settings": ppo}}
     elif isinstance(acting, Box):
-        learners = [("PPO", "PPO", ppo | {"use_sde": True})]
-        learners.append(("with plain noise", "PPO", {"use_sde": False}))
+        algorithm, settings = "PPO", ppo | {"use_sde": True}
+        other = {"with plain noise": {"settings": {"use_sde": False}}}
     else:
-        learners = [("PPO", "PPO", ppo), ("A2C", "A2C", {"normalize": ppo["normalize"]})]
-    filled |= {"policy": policy, "learners": learners}
-    return _text(name, recipe, notes, filled), notes
+        algorithm, settings = "PPO", ppo
+        other = {"A2C": {"algorithm": "A2C", "settings": {"normalize": ppo["normalize"]}}}
+    network = {"algorithm": algorithm, "policy": policy, "settings": settings, "other": other}
+    filled = {"kind": "observation_task", "keys": keys | view, "live": True, "network": network}
+    filled |= {"budget": budget, "checkpoints": checkpoints, "episodes": episodes}
+    return _text(name, recipe, notes, filled | {"sources": {}, "sparse": False}), notes
+
+
+def _is_picture(space: object) -> bool:
+    """Return whether convolutions read a space."""
+    return (
+        isinstance(space, Box)
+        and len(space.shape) == 3
+        and space.dtype == np.uint8
+        and (space.low.max(), space.high.min()) == (0, 255)
+        and sorted(space.shape)[1] >= LEAST_SIDE
+    )
 
 
 def _text(name: str, recipe: object, notes: list[str], filled: dict[str, Any]) -> str:
@@ -512,5 +533,5 @@ def _text(name: str, recipe: object, notes: list[str], filled: dict[str, Any]) -
     comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
     environment.filters |= {"json": _toml, "comment": comment}
     template = environment.get_template("environment.txt", globals={"discount": DISCOUNT})
-    filled = {"name": name, "own": callable(recipe), "notes": notes, "learners": None, **filled}
+    filled = {"name": name, "own": callable(recipe), "notes": notes, "network": None, **filled}
     return template.render(filled)
