@@ -322,6 +322,23 @@ def lasting():
     return gym.wrappers.TimeLimit(Pushed(), 3600)
 
 
+class Boards(Pushed):  # a number beside a picture that is too small for convolutions
+    def __init__(self):
+        super().__init__()
+        board = spaces.Box(0, 255, (8, 8, 2), np.uint8)
+        self.observation_space = spaces.Dict(board=board, battery=spaces.Box(0, 1, (1,)))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self.shown(), {}
+
+    def step(self, action):
+        return self.shown(), *super().step(action)[1:]
+
+    def shown(self):
+        return {"board": np.zeros((8, 8, 2), np.uint8), "battery": np.ones(1, np.float32)}
+
+
 class Lamps(gym.Env):
     observation_space, action_space = spaces.MultiBinary(70), spaces.Discrete(2)
 
@@ -530,6 +547,15 @@ def test_a_network_has_fewer_steps_where_they_are_slow_and_learners_for_its_acti
     monkeypatch.setattr(f"{ENVIRONMENT}._checked", lambda _: 1e-2)  # seconds of a step
     _, text, _ = new_study("robots:Pushed", robots)
     assert 500 < tomllib.loads(text)["tasks"]["target"]["budget"] < target["budget"]
+
+
+def test_small_pictures_among_numbers_become_numbers(curricle, robots):
+    file, text, _ = new_study("robots:Boards", robots)
+    assert 'policy = "MlpPolicy"' in text
+    (robots / file).write_text(text)
+    code, out, complaint = curricle("check", file)
+    assert code == 0, complaint
+    assert "Box(129,)" in out
 
 
 @pytest.mark.parametrize(("name", "steps"), [("Pushed", 500), ("lasting", 3600)])

@@ -33,7 +33,7 @@ from curricle.files import digest_of
 
 ALLOW = "CURRICLE_ALLOW"  # environment variable: the installed packages that study files may name
 # Always allowed, as they run no commands:
-SAFE = {"curricle.deep", "minigrid", "torch.nn", "torch.optim"}
+SAFE = {"curricle.deep", "gymnasium.wrappers", "minigrid", "torch.nn", "torch.optim"}
 IMPORTED = dict[str, tuple[int, int] | None]()  # module -> time and size of its file
 PACKAGES = "curricle_study_"  # prefix of the packages that hold studies' modules
 LOGGER = logging.getLogger(__name__)  # names each module before it is imported

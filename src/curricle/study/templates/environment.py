@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import Env
-from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from curricle.curriculum.curriculum import SOURCES_SHARE
@@ -481,9 +481,12 @@ def _of_network(
             f"actions must be numbered, or boxes of numbers, to be learnt: those of {name} are "
             f"{acting}; let step take a number that says which action is meant"
         )
-    view = {"encode": "MiniGridView"} if is_minigrid(env) else {}  # else its mission is a text
     parts = [*observed.spaces.values()] if isinstance(observed, Dict) else [observed]
-    pictures = not view and any(map(_is_picture, parts))
+    sides = [side for part in parts for side in _picture_sides(part)]
+    view = {"encode": "MiniGridView"} if is_minigrid(env) else {}  # else its mission is a text
+    if isinstance(observed, Dict) and not view and min(sides, default=LEAST_SIDE) < LEAST_SIDE:
+        view = {"encode": "gymnasium.wrappers:FlattenObservation"}  # no convolution reads them
+    pictures = not view and max(sides, default=0) >= LEAST_SIDE
     policy = "CnnPolicy" if pictures else "MlpPolicy"
     policy = "MultiInputPolicy" if isinstance(observed, Dict) and not view else policy
     longest = time_limit_of(env) or keys.get("time_limit") or LIMIT
@@ -513,15 +516,12 @@ def _of_network(
     return _text(name, recipe, notes, filled | {"sources": {}, "sparse": False}), notes
 
 
-def _is_picture(space: object) -> bool:
-    """Return whether convolutions read a space."""
-    return (
-        isinstance(space, Box)
-        and len(space.shape) == 3
-        and space.dtype == np.uint8
-        and (space.low.max(), space.high.min()) == (0, 255)
-        and sorted(space.shape)[1] >= LEAST_SIDE
-    )
+def _picture_sides(space: Space[Any]) -> list[int]:
+    """Return the shorter side of a space of pictures, none of another space."""
+    if not (isinstance(space, Box) and len(space.shape) == 3 and space.dtype == np.uint8):
+        return []
+    shorter = sorted(space.shape)[1]  # the least are its channels
+    return [shorter] if (space.low.max(), space.high.min()) == (0, 255) else []
 
 
 def _text(name: str, recipe: object, notes: list[str], filled: dict[str, Any]) -> str:
