@@ -540,6 +540,7 @@ def test_a_network_has_fewer_steps_where_they_are_slow_and_learners_for_its_acti
     file, text, _ = new_study("robots:Pushed", robots)
     target = tomllib.loads(text)["tasks"]["target"]
     assert target["learner"]["settings"]["use_sde"]
+    assert target["evaluation"]["sampled"]
     (robots / file).write_text(text)
     code, out, complaint = curricle("check", file)
     assert code == 0, complaint
