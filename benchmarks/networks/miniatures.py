@@ -6,8 +6,8 @@ Each target's results are a study's: a stopped run goes on, and `curricle show` 
 end the table of docs/networks.md is printed, of all targets in DIR. Its areas are mean returns over
 all steps, 60,000 and those of the miniatures' models, which come before the first return; gains are
 over the best opponent, and p is corrected for all ten targets (Holm). The steps and seconds
-that miniatures take are printed by `--price`, of hard targets (hard.toml, chain.toml)
-all checkpoints.
+that miniatures take are printed by `--price`, of hard targets (hard.toml, chain.toml) all
+checkpoints.
 
 Brackets are 95 % intervals over seeds; returns are undiscounted. Actions of actor-critics are drawn
 from their policy where observations hide a part of the state, DQN's are greedy.
@@ -30,7 +30,6 @@ from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyConfig, StudyResults, WorkerProcesses
 
 FILE = Path(__file__).with_suffix(".toml")
-HARD_FILE, CHAIN_FILE = FILE.with_name("hard.toml"), FILE.with_name("chain.toml")
 TIMED = 4_096  # steps of PPO
 ARM, NO_DIFFERENCE = "distilled", "no difference shown"
 HEADS = ("target", "models' steps", "opponents' and placebo's areas", "distilled: start, area, end")
@@ -131,28 +130,28 @@ def hard(changes: list[str], resets: int, steps: int, eval_freq: int, of_models:
 LAVA = level("LavaCrossingS11N5-v0", "LavaCrossingS9N1-v0", "LavaCrossingS9N3-v0", seen="walk")
 DOOR = level("DoorKey-16x16-v0", "DoorKey-6x6-v0", "DoorKey-8x8-v0", seen="fetch")
 CORRIDOR = level("KeyCorridorS3R3-v0", "KeyCorridorS3R1-v0", "KeyCorridorS3R2-v0", seen="carry")
+MAZE, BLOCKED = "ObstructedMaze-1Dlh-v0", "BlockedUnlockPickup-v0"
 HARD = {
     "lava 11": hard(LAVA, 200, 100_000, 20_000, 68_856),
     "door 16": hard(DOOR, 50, 100_000, 20_000, 100_100),
     "corridor 3": hard(CORRIDOR, 10, 300_000, 50_000, 387_120),
     "unlock": hard(smaller_rooms("UnlockPickup-v0", 4, 5), 15, 300_000, 50_000, 558_624),
-    "maze": hard(smaller_rooms("ObstructedMaze-1Dlh-v0", 4), 40, 300_000, 50_000, 396_000),
-    "blocked": hard(smaller_rooms("BlockedUnlockPickup-v0", 4), 18, 300_000, 50_000, 656_160),
+    "maze": hard(smaller_rooms(MAZE, 4), 40, 300_000, 50_000, 396_000),
+    "blocked": hard(smaller_rooms(BLOCKED, 4), 18, 300_000, 50_000, 656_160),
 }
 
 
 def chain(target: str, middle: str, small: list[str], seen: str, resets: int) -> list[str]:
     """Return the changes for a hard level after a level between."""
-    ids = {"middle": middle, "target": target}
+    ids = {"target": target, "middle": middle}
     return [
+        *(f"tasks.{task}.id=minigrid:MiniGrid-{id}" for task, id in ids.items()),
         f"tasks.small.members=[{', '.join(small)}]",
         f"tasks.small.resets={resets}",
-        *(f"tasks.{task}.id=minigrid:MiniGrid-{id}" for task, id in ids.items()),
         *(f"tasks.{task}.encode=levels:{seen}" for task in ("small", *ids)),
     ]
 
 
-MAZE, BLOCKED = "ObstructedMaze-1Dlh-v0", "BlockedUnlockPickup-v0"
 BETWEEN_ROOMS = {"minNumRooms": 3, "maxNumRooms": 3, "maxRoomSize": 6}
 SMALL_ROOMS = [member(TWO_ROOMS, maxRoomSize=6), member(TWO_ROOMS, **BETWEEN_ROOMS)]
 ONE_ROW = member("KeyCorridorS4R3-v0", num_rows=1)
@@ -186,13 +185,15 @@ DEVELOPMENT = {
 }
 """What settings are chosen on."""
 ALL = {**TARGETS, **HARD, **CHAINS, **DEVELOPMENT}
+FILES = dict.fromkeys(HARD, FILE.with_name("hard.toml"))
+FILES |= dict.fromkeys(CHAINS, FILE.with_name("chain.toml"))
+"""The files of hard targets."""
 
 
 def study_of(target: str, seeds: int | None = None) -> StudyConfig:
     """Return the study of a target, with its file's seeds unless a number is given."""
-    file = HARD_FILE if target in HARD else CHAIN_FILE if target in CHAINS else FILE
     stated = [] if seeds is None else [f"seeds={seeds}"]
-    return read_study(file, set=[f"name={target}", *stated, *ALL[target]])
+    return read_study(FILES.get(target, FILE), set=[f"name={target}", *stated, *ALL[target]])
 
 
 def learned(results: StudyResults) -> None:
@@ -285,7 +286,7 @@ def main() -> None:
             continue
         with WorkerProcesses(chosen.workers) as executor:
             results = run_study(study, chosen.out / target, executor=executor, resume=True)
-        if target in HARD or target in CHAINS:
+        if target in FILES:
             learned(results)
         print(price(study), flush=True)
     print(markdown(HEADS, rows(finished(chosen.out))))
