@@ -47,8 +47,8 @@ def _meant(name):
     from difflib import get_close_matches
 
     folder, names = Path(__file__).parent, dict(zip(__all__, __all__, strict=True))
-    found = [(file.parent.name, r" as (\w+)", file) for file in folder.glob("*/__init__.pyi")]
-    for package, named, file in [*found, ("errors", r"class (\w+)", folder / "errors.py")]:
+    stubs = [(file.parent.name, r" as (\w+)", file) for file in folder.glob("*/__init__.pyi")]
+    for package, named, file in [*stubs, ("errors", r"class (\w+)", folder / "errors.py")]:
         for public in findall(named, file.read_text("utf-8")):
             names.setdefault(public, f"{package}.{public}")
     if name in names:

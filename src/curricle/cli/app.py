@@ -323,8 +323,8 @@ def run(
         echo(f"curricle: {few}", err=True)
     budget, total = planned.budget, planned.total
     if budget and total and sources_are_dear(budget, total):
-        words = total_words(planned.target, budget, total, planned.eval_freq, sources=True)
-        echo(f"curricle: {words}", err=True)
+        sentence = total_words(planned.target, budget, total, planned.eval_freq, sources=True)
+        echo(f"curricle: {sentence}", err=True)
     results = run_with_bars(
         study,
         folder,

@@ -393,11 +393,11 @@ def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources
     """Return a sentence on the steps of every arm, and why they exceed the target's budget."""
     spent = f"every arm spends {counted(total, 'step')}"
     why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
-    words = f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
+    sentence = f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
     if not sources_are_dear(budget, total):
-        return words
+        return sentence
     less = "smaller ones, of miniatures fewer resets, take less"
-    return f"{words}; sources may take more than {target}: {less}"
+    return f"{sentence}; sources may take more than {target}: {less}"
 
 
 def sources_are_dear(budget: int, total: int) -> bool:

@@ -4,6 +4,7 @@ import re
 import time
 from contextlib import suppress
 from copy import deepcopy
+from functools import cached_property
 from math import ceil, floor, prod
 from typing import Any
 
@@ -84,7 +85,7 @@ class Play:
         """Whether the numbers in observations are whole, as far as was seen."""
         return all(x % 1 == 0 for point in self.points for x in point if isinstance(x, float))
 
-    @property
+    @cached_property
     def counters(self) -> list[str]:
         """Attributes that grow by one with every step, and that observations do not show."""
         later = np.flatnonzero(self.times)
@@ -112,7 +113,7 @@ class Play:
             if [values.get(name) for values in self.attributes] == column
         ]
 
-    @property
+    @cached_property
     def limit(self) -> int | None:
         """Steps after which episodes end whatever is done, None if unknown."""
         counters, first = self.counters, self.attributes[0]

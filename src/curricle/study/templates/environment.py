@@ -203,7 +203,7 @@ def _study(
     play = Play(env)
     recipe, fixed, notes = _repeatable(recipe, play)
     ways = _ways(env, play)
-    found = _searched(ways, recipe, play, say)
+    searched = _searched(ways, recipe, play, say)
 
     def by_network(why: str) -> tuple[str, list[str]]:
         notes.append(BY_NETWORK + why)
@@ -212,14 +212,14 @@ def _study(
         keys = _limit(env, play.limit) | fixed
         return _of_network(name, recipe, env, notes, keys, play.seconds_a_step)
 
-    if found.task is None:
-        return by_network(_refused(found, play))
-    if not (is_live(found.task) or has_table(env)):
-        if found.task.record.several:
+    if searched.task is None:
+        return by_network(_refused(searched, play))
+    if not (is_live(searched.task) or has_table(env)):
+        if searched.task.record.several:
             say(f"searching from more resets, which differ (at most {2 * SECONDS:.0f} s)")
-        found, more = _of_tables(found, recipe, play)
+        searched, more = _of_tables(searched, recipe, play)
         notes += more
-    task, way, _ = found
+    task, way, _ = searched
     live = is_live(task)
     budgets = LIVE * (play.speed >= QUICK) if live else BUDGETS
     if budgets:
@@ -233,7 +233,7 @@ def _study(
         few = f"few of its {task.states.size:,} states are met in {LIVE[0]:,} steps"
         return by_network(few + ", in which a table learnt nothing" * bool(budgets))
     if live:
-        notes += _of_live(found, play)
+        notes += _of_live(searched, play)
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
     arguments = list(arguments_of(recipe, env))
@@ -241,7 +241,7 @@ def _study(
     of_variant = trial
     if live and play.whole:
         in_tables = partial(learnt, budgets=BUDGETS, has_goal=True)
-        tabulated = partial(_made, partial(ways[0], **({} if found.large else JUDGED)), recipe)
+        tabulated = partial(_made, partial(ways[0], **({} if searched.large else JUDGED)), recipe)
         of_variant = partial(judged_in_tables, tabulated, in_tables, trial)
     easy = easier(target, partial(_made, way, recipe), iter(arguments), of_variant)
     near = None if easy.variants else near_the_goal(target, trial)
@@ -296,32 +296,32 @@ def _checked(env: Env[Any, Any]) -> float:
     return (of_reset + sum(seconds)) / len(seconds)
 
 
-def _refused(found: Found, play: Play) -> str:
+def _refused(searched: Found, play: Play) -> str:
     """Return why an environment has no tables."""
     if not play.whole:
         return "its observations are no whole numbers, nor few"
     ignored = f" and ignore = {json.dumps(play.counters)}" * bool(play.counters)
     longer = f'; type = "tabulated"{ignored} in a study searches for an hour'
-    return found.refusal + longer * found.large
+    return searched.refusal + longer * searched.large
 
 
-def _of_live(found: Found, play: Play) -> list[str]:
+def _of_live(searched: Found, play: Play) -> list[str]:
     """Return sentences on a task that is live."""
-    notes = [f"learnt live, by calling step, as it is not tabulated: {_refused(found, play)}"]
-    if "encode" in found.way.keywords:
+    notes = [f"learnt live, by calling step, as it is not tabulated: {_refused(searched, play)}"]
+    if "encode" in searched.way.keywords:
         ends = "ranges" if play.whole else "edges"
         notes.append(
-            f"its numbers are sorted into {found.task.states.size:,} states by the {ends} below, "
-            "which are a guess; a network reads them as they are, but takes longer"
+            f"its numbers are sorted into {searched.task.states.size:,} states by the {ends} "
+            "below, which are a guess; a network reads them as they are, but takes longer"
         )
-    if found.way.keywords.get("time_limit") == LIMIT != play.limit:
+    if searched.way.keywords.get("time_limit") == LIMIT != play.limit:
         notes.append(f"no limit of its episodes was seen: time_limit = {LIMIT} is a guess")
     return notes
 
 
-def _of_tables(found: Found, recipe: Recipe, play: Play) -> tuple[Found, list[str]]:
+def _of_tables(searched: Found, recipe: Recipe, play: Play) -> tuple[Found, list[str]]:
     """Return tables, from several resets if these differ and fit, and sentences on them."""
-    task, way, _ = found
+    task, way, _ = searched
     notes = [f"tabulated: {task.states.size:,} states, in {task.record.seconds:.1f} s"]
     if _by_observation(way):
         notes.append(
@@ -332,24 +332,24 @@ def _of_tables(found: Found, recipe: Recipe, play: Play) -> tuple[Found, list[st
         named = " and ".join(map(repr, play.counters))
         notes.append(f"{named} counts steps and is no part of a state; time_limit ends episodes")
     if not task.record.several:
-        return found, notes
+        return searched, notes
     resets, ends, more = RESETS, time.perf_counter() + SECONDS, True
     resets_seen = len(task.record.seeds)
     while more and resets <= MOST_RESETS and time.perf_counter() < ends:
         wider = partial(way, seeds=tuple(range(resets)))
         try:
-            found = Found(_made(wider, recipe, {}, SECONDS), wider, "")
+            searched = Found(_made(wider, recipe, {}, SECONDS), wider, "")
         except TaskError:
             break
-        more, resets_seen = found.task.states.size > task.states.size, resets
-        task, resets = found.task, 2 * resets
+        more, resets_seen = searched.task.states.size > task.states.size, resets
+        task, resets = searched.task, 2 * resets
     starts = counted(int(np.count_nonzero(task.mdp.start)), "start")
     others = "there may be others" if more else "the last half of them brought no new state"
     notes.append(
         f"resets start in different states: {task.states.size:,} states from the {starts} of "
         f"{counted(resets_seen, 'reset')}; {others}; reset_seeds in a task names more"
     )
-    return found, notes
+    return searched, notes
 
 
 def _of_sources(
@@ -458,12 +458,17 @@ def _toml(value: object) -> str:
 
 def _rounded_up(steps: float) -> int:
     """Return steps rounded up to one digit and zeros."""
-    return math.ceil(steps / (unit := int(10.0 ** int(math.log10(steps))))) * unit
+    return math.ceil(steps / (unit := _unit(steps))) * unit
 
 
 def _rounded_down(steps: int) -> int:
     """Return steps rounded down to one digit and zeros."""
-    return steps // (unit := int(10.0 ** int(math.log10(steps)))) * unit
+    return steps // (unit := _unit(steps)) * unit
+
+
+def _unit(steps: float) -> int:
+    """Return the largest power of ten that is at most `steps`."""
+    return int(10.0 ** int(math.log10(steps)))
 
 
 def _of_network(
