@@ -36,7 +36,7 @@ MEANING = dict(zip(VERDICTS, ["a verdict on a source"] * 3, strict=True)) | {
     "refusal": "refused in a sentence that states a way out",
     "guess": "a verdict on a source whose mapping is not scored",
     "void": "nobody learnt, one learner alone, or a refusal (without a way out, or by `run`)",
-    "too slow": f"more than {SECONDS // 60} minutes, in fact or, of networks, as `check` says",
+    "too slow": f"more than {SECONDS // 60} minutes",
     "crash": "a traceback, or the process died",
 }
 WAY_OUT = r"\b(let|give|set|use|name|choose|install|return|pass|wrap|write|becomes)\b"
@@ -138,11 +138,6 @@ def walked(entry: dict[str, Any], trees: Path) -> dict[str, Any]:
                 notes = (Path(name) / file).read_text()
                 said += notes.partition("\n\n")[0].replace("\n#   ", " ").splitlines()[1:]
             output = output[max(0, output.find("{\n")) :]  # what the class itself prints is before
-            cost = step == "check" and "by a network" in notes and json.loads(output)["seconds"]
-            if cost and cost > PROCESSORS * (ends - time.monotonic()):
-                said.append(f"curricle check: about {cost / 60:.0f} minutes on one processor")
-                outcome = "too slow"
-                break
             if step == "show":
                 outcome, sentences = judged(json.loads(output), notes)
                 said += sentences

@@ -18,7 +18,7 @@ from curricle.arrays import FloatArray
 from curricle.checks import listed, one_of
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.cost import Cost, costs, examining_seconds
-from curricle.comparison.forecasting import forecast
+from curricle.comparison.forecasting import Forecast, forecast
 from curricle.comparison.plan import Memory, numbered_seeds, seed_ranges
 from curricle.comparison.sentences import EXPLAINED, seeds_sentence
 from curricle.comparison.trial import hindrance
@@ -365,7 +365,9 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> Data:
     answer: Data = {"study": study.name, "arms": [*arms.curricula], "seeds": study.seeds}
     answer |= {"units": len(units), "seconds": seconds, "budget": arms.budget, "total": arms.total}
     answer["costs"] = [asdict(cost) for cost in costing]
-    print_text(f"about {duration(seconds)} on one processor, without compilation and forecasts")
+    print_text(
+        f"at most about {duration(seconds)} on one processor, without compilation and forecasts"
+    )
     if arms.budget is not None and arms.total not in (None, arms.budget):
         steps = arms.budget, arms.total, arms.eval_freq
         sources = any(curriculum.transfers for curriculum in arms.curricula.values())
@@ -477,77 +479,88 @@ SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if t
 
 def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], whole: bool) -> Data:
     """Print a forecast for each arm with a potential of the target, the first settings of each."""
-    answer, name = Data(), ""
-
-    def refuse(why: str) -> None:
-        print_text(f"no forecast: {why}")
-        answer[name] = {"no_forecast": why}
-
     first = dict[str, str]()
     for name in study.arms:
         variant = (study.variants or {}).get(name)
         first.setdefault(name if variant is None else variant.arm, name)
     if len(first) < len(study.arms):
         print("\nforecasts are for the first settings of each arm")
-    by_key = {arms.keys[cost.arm, cost.task]: cost.seconds / cost.seeds for cost in costing}
-    a_step = next(cost.step_seconds for cost in costing if cost.task == arms.target)
-    # Sources that several arms share are trained once.
-    memory, trained = Memory(), dict[tuple[str, tuple[int, ...]], SourceValues]()
     if not any(curriculum.has_potential(arms.target) for curriculum in study.curricula.values()):
         print_text("no forecast: no arm has a source; the study compares learners without one")
+    answer, memory = Data(), Memory()
+    trained = dict[tuple[str, tuple[int, ...]], SourceValues]()  # by several arms, trained once
     for name in first.values():
-        # Not the curriculum in `arms`, whose target has the total: a trial adds sources' steps.
-        curriculum = study.curricula[name]
-        if not curriculum.has_potential(arms.target):
+        if not study.curricula[name].has_potential(arms.target):
             continue
         print(f"\narm {name}")
-        most = min(SEEDS, len(study.seeds))
-        examining = most * examining_seconds(curriculum, a_step)
-        if examining > LONGEST_EXAMINING and not whole:
-            refuse(
-                f"to examine its sources and {arms.target} could take "
-                f"{duration(examining)}; curricle check --forecast does it, and curricle.forecast "
-                "also with fewer episodes"
-            )
-            continue
-        keys = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
-        distilled = any(curriculum.node(source).distilled for source in keys)
-        a_seed = sum(by_key[key] for key in {*keys.values()})
-        longest = np.inf if whole else LONGEST_DISTILLED if distilled else LONGEST
-        seeds = next((study.seeds[:n] for n in (most, 1) if n * a_seed <= longest), ())
-        if not seeds:
-            refuse(
-                f"training {', '.join(keys)} for one seed could take "
-                f"{duration(a_seed)}; curricle check --forecast makes it"
-            )
-            continue
-        shared = {
-            source: trained[key, seeds] for source, key in keys.items() if (key, seeds) in trained
-        }
-        if untrained := [source for source in keys if source not in shared]:
-            live = examining * is_live(curriculum.tasks[arms.target])
-            took = duration(len(seeds) * sum(by_key[keys[source]] for source in untrained) + live)
-            took += " after tabulating what is distilled" * distilled
-            work = f"{', '.join(untrained)} for {counted(len(seeds), 'seed')}"
-            print_text(f"training {work}, for the forecast: about {took}")
-        sys.stdout.flush()
-        trial = True if whole and not hindrance(curriculum) else None
-        how: Any = {"threshold": study.threshold, "trial": trial, "memory": memory, **rivals(study)}
         try:
-            made = forecast(curriculum, seeds=seeds, trained=shared, **how)
+            made = forecast_of(name, study, arms, costing, memory, trained, whole=whole)
         except (CurricleError, ImportError) as error:
-            refuse(str(error))
+            print_text(f"no forecast: {error}")
+            answer[name] = {"no_forecast": str(error)}
             continue
         answer[name] = {"answer": made.answer, "headroom": made.headroom}
         answer[name]["start"] = made.start and asdict(made.start)
         answer[name]["sources"] = {of: f"{learning}" for of, learning in made.sources.items()}
         answer[name]["trial"] = made.trial and comparison_data(made.trial.comparison)
         print(made.text(line_width()))
-        for fault in filter(None, map(mapping_fault, curriculum.in_edges(arms.target))):
+        edges = study.curricula[name].in_edges(arms.target)
+        for fault in filter(None, map(mapping_fault, edges)):
             print_text(fault)
         if made.trial is not None and (asked := questions(study, arms)):
             of_trial = made.trial.comparison, made.used.name
             if sentence := seeds_sentence(*of_trial, asked, len(study.seeds)):
                 print_text(sentence)
-        trained |= {(keys[source], seeds): values for source, values in made.trained.items()}
     return answer
+
+
+def forecast_of(
+    arm: str,
+    study: StudyConfig,
+    arms: Arms,
+    costing: Sequence[Cost],
+    memory: Memory,
+    trained: dict[tuple[str, tuple[int, ...]], SourceValues],
+    *,
+    whole: bool,
+) -> Forecast:
+    """Return the forecast of an arm; SettingError where it takes too long, unless it is `whole`.
+
+    Sources that `trained` has, by their keys and seeds, are not trained again; others are added.
+    """
+    # Not the curriculum in `arms`, whose target has the total: a trial adds sources' steps.
+    curriculum = study.curricula[arm]
+    most = min(SEEDS, len(study.seeds))
+    a_step = next(cost.step_seconds for cost in costing if cost.task == arms.target)
+    examining = most * examining_seconds(curriculum, a_step)
+    if examining > LONGEST_EXAMINING and not whole:
+        raise SettingError(
+            f"to examine its sources and {arms.target} could take {duration(examining)}; curricle "
+            "check --forecast does it, and curricle.forecast also with fewer episodes"
+        )
+    keys = {source: arms.keys[arm, source] for source in curriculum.ancestors(arms.target)}
+    by_key = {arms.keys[cost.arm, cost.task]: cost.seconds / cost.seeds for cost in costing}
+    a_seed = sum(by_key[key] for key in {*keys.values()})
+    distilled = any(curriculum.node(source).distilled for source in keys)
+    longest = np.inf if whole else LONGEST_DISTILLED if distilled else LONGEST
+    seeds = next((study.seeds[:n] for n in (most, 1) if n * a_seed <= longest), ())
+    if not seeds:
+        raise SettingError(
+            f"training {', '.join(keys)} for one seed could take {duration(a_seed)}; curricle "
+            "check --forecast makes it"
+        )
+    shared = {
+        source: trained[key, seeds] for source, key in keys.items() if (key, seeds) in trained
+    }
+    if untrained := [source for source in keys if source not in shared]:
+        live = examining * is_live(curriculum.tasks[arms.target])
+        took = duration(len(seeds) * sum(by_key[keys[source]] for source in untrained) + live)
+        took += " after tabulating what is distilled" * distilled
+        work = f"{', '.join(untrained)} for {counted(len(seeds), 'seed')}"
+        print_text(f"training {work}, for the forecast: about {took}")
+    sys.stdout.flush()
+    trial = True if whole and not hindrance(curriculum) else None
+    how: Any = {"threshold": study.threshold, "trial": trial, "memory": memory, **rivals(study)}
+    made = forecast(curriculum, seeds=seeds, trained=shared, **how)
+    trained |= {(keys[source], seeds): values for source, values in made.trained.items()}
+    return made
