@@ -1,6 +1,7 @@
 """Small environments, most of which have something that a table must not get wrong."""
 
 import random
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -96,6 +97,7 @@ class Slippery(Corridor):
         super().__init__()
         self.where, self.chance = where, chance
         self.own, self.old = np.random.default_rng(0), random.Random(0)
+        self.dice = SimpleNamespace(rng=np.random.Generator(np.random.Philox(0)))
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=0)
@@ -107,6 +109,7 @@ class Slippery(Corridor):
             "environment": lambda: self.np_random.random(),
             "attribute": lambda: self.own.random(),
             "standard library": lambda: self.old.random(),
+            "attribute of an attribute": lambda: self.dice.rng.random(),
             "nobody's": lambda: random.random(),
         }[self.where]()
         return super().step(action if draw >= self.chance else 0)

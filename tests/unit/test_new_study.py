@@ -318,8 +318,32 @@ class Pushed(Robot):
         return super().step(int(action[0] > 0))
 
 
+def short():
+    return gym.wrappers.TimeLimit(Pushed(), 500)
+
+
 def lasting():
     return gym.wrappers.TimeLimit(Pushed(), 3600)
+
+
+class Worded(Robot):
+    def __init__(self):
+        super().__init__()
+        self.observation_space = spaces.Dict(at=self.observation_space, word=spaces.Text(9))
+
+    def reset(self, *, seed=None, options=None):
+        return {"at": super().reset(seed=seed)[0], "word": "go"}, {}
+
+    def step(self, action):
+        at, *rest = super().step(action)
+        return {"at": at, "word": "go"}, *rest
+
+
+class Endless(Vast):
+    def __init__(self):
+        super().__init__()
+        most = np.finfo(np.float32).max
+        self.observation_space = spaces.Box(-most, most, (2,), dtype=np.float32)
 
 
 class Boards(Pushed):  # a number beside a picture that is too small for convolutions
@@ -539,15 +563,29 @@ def test_a_network_has_fewer_steps_where_they_are_slow_and_learners_for_its_acti
 ):
     file, text, _ = new_study("robots:Pushed", robots)
     target = tomllib.loads(text)["tasks"]["target"]
+    assert target["time_limit"] == 60
     assert target["learner"]["settings"]["use_sde"]
     assert target["evaluation"]["sampled"]
     (robots / file).write_text(text)
     code, out, complaint = curricle("check", file)
     assert code == 0, complaint
     assert "scratch, with plain noise" in out
-    monkeypatch.setattr(f"{ENVIRONMENT}._checked", lambda _: 1e-2)  # seconds of a step
+    monkeypatch.setattr(f"{ENVIRONMENT}.Play.seconds_a_step", 1e-2)
     _, text, _ = new_study("robots:Pushed", robots)
     assert 500 < tomllib.loads(text)["tasks"]["target"]["budget"] < target["budget"]
+
+
+def test_a_text_beside_a_counter_is_no_number(robots):
+    _, text, _ = new_study("robots:Worded", robots)
+    assert tomllib.loads(text)["tasks"]["target"]
+
+
+def test_bounds_as_far_apart_as_numbers_go_say_nothing(robots, recwarn, monkeypatch):
+    allow(monkeypatch, 0.5)
+    _, text, _ = new_study("robots:Endless", robots)
+    ranges = tomllib.loads(text)["tasks"]["target"]["encode"]["ranges"]
+    assert all(-50 < low < high < 50 for low, high in ranges.values())
+    assert not [warned for warned in recwarn if "overflow" in str(warned.message)]
 
 
 def test_small_pictures_among_numbers_become_numbers(curricle, robots):
@@ -559,11 +597,11 @@ def test_small_pictures_among_numbers_become_numbers(curricle, robots):
     assert "Box(129,)" in out
 
 
-@pytest.mark.parametrize(("name", "steps"), [("Pushed", 500), ("lasting", 3600)])
+@pytest.mark.parametrize(("name", "steps"), [("short", 500), ("lasting", 3600)])
 def test_a_network_is_evaluated_in_about_as_many_steps_as_it_learns(
     robots, monkeypatch, name, steps
 ):
-    monkeypatch.setattr(f"{ENVIRONMENT}._checked", lambda _: 1e-6)  # seconds of a step
+    monkeypatch.setattr(f"{ENVIRONMENT}.Play.seconds_a_step", 1e-6)
     _, text, _ = new_study(f"robots:{name}", robots)
     target = tomllib.loads(text)["tasks"]["target"]
     checkpoints = target["budget"] // target["eval_freq"]
@@ -571,11 +609,11 @@ def test_a_network_is_evaluated_in_about_as_many_steps_as_it_learns(
     assert checkpoints * target["evaluation"]["episodes"] * steps <= 1.2 * target["budget"]
 
 
-@pytest.mark.parametrize(("name", "checkpoints"), [("Pushed", 4), ("lasting", 2)])
+@pytest.mark.parametrize(("name", "checkpoints"), [("short", 4), ("lasting", 2)])
 def test_a_network_of_slow_steps_is_evaluated_by_few_episodes(
     robots, monkeypatch, name, checkpoints
 ):
-    monkeypatch.setattr(f"{ENVIRONMENT}._checked", lambda _: 1e-2)
+    monkeypatch.setattr(f"{ENVIRONMENT}.Play.seconds_a_step", 1e-2)
     _, text, _ = new_study(f"robots:{name}", robots)
     target = tomllib.loads(text)["tasks"]["target"]
     assert target["evaluation"]["episodes"] == 1

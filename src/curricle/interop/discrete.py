@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 
 from curricle.arrays import IntArray, frozen
 from curricle.checks import BEYOND_64_BITS
-from curricle.errors import SettingError, TaskError
+from curricle.errors import SettingError
 from curricle.pictures.scenes import board
 from curricle.tasks.spaces import MISSING, Component, Space, entry_names
 
@@ -100,15 +100,10 @@ def _components(space: gym.Space[Any], name: str) -> Iterator[Component]:
     elif isinstance(space, Tuple | Dict):
         for key, part in _parts(space):
             yield from _components(part, key if isinstance(key, str) else f"{name}_{key + 1}")
-    elif is_discrete(space):
+    else:
         names = entry_names(name, space.shape or ())
         for entry, (size, low) in zip(names, _ranges(space), strict=True):
             yield Component(entry, size, low=low)
-    else:
-        raise TaskError(
-            "a space must be Discrete, MultiDiscrete, MultiBinary, a Box with few whole numbers, "
-            f"or a Tuple or Dict of these: {name!r} is {space}"
-        )
 
 
 def _numbers(space: gym.Space[Any], point: Any) -> Iterator[Any]:

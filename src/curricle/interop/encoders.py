@@ -4,7 +4,7 @@ All are frozen dataclasses: equal settings are equal encoders, with the same tex
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import pairwise
@@ -106,7 +106,7 @@ class Bins:
         return hash(tuple(self.edges.items()))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class WholeNumbers:
     """Encoder of observations whose n numbers are whole, though their box is one of fractions.
 
@@ -121,7 +121,7 @@ class WholeNumbers:
     Raises
     ------
     TaskError
-        When a range is empty, or an observation is not n whole numbers.
+        When a range is not two whole numbers that ascend, or an observation is not n of them.
 
     Examples
     --------
@@ -130,12 +130,17 @@ class WholeNumbers:
     'hour=3 queue=20'
     """
 
-    ranges: Mapping[str, tuple[int, int]]
+    ranges: Mapping[str, tuple[int, int]] = field(hash=False)
     states: Space = field(init=False, repr=False)  # all combinations of numbers
 
     def __post_init__(self) -> None:
+        if not isinstance(self.ranges, Mapping) or not self.ranges:
+            raise TaskError(f"whole numbers need a dict from names to ranges: got {self.ranges!r}")
         components = list[Component]()
-        for name, (low, high) in self.ranges.items():
+        for name, ends in self.ranges.items():
+            if not (isinstance(ends, Sequence) and [*map(type, ends)] == [int, int]):
+                raise TaskError(f"a range must be two whole numbers: {name!r} has {ends!r}")
+            low, high = ends
             components.append(Component(name, high - low + 1, low=low))
         object.__setattr__(self, "states", Space(components))
 
@@ -148,12 +153,6 @@ class WholeNumbers:
             )
         ends = zip(values, self.ranges.values(), strict=True)
         return self.states.encode_one(tuple(int(min(max(x, low), high)) for x, (low, high) in ends))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, WholeNumbers) and [*self.ranges.items()] == [*other.ranges.items()]
-
-    def __hash__(self) -> int:
-        return hash(tuple(self.ranges.items()))
 
 
 Environment = gym.Env[Any, Any]

@@ -6,7 +6,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
-from operator import itemgetter
+from operator import is_, itemgetter
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,8 @@ class Level:
         }
         self.plain = [name for name, value in self.constants.items() if _is_plain(value)]
         self.values_of_plain = itemgetter(*self.plain, "mission")
+        self.values_of_others = itemgetter(*(self.constants.keys() - {*self.plain, "grid"}))
+        self.first_others = self.values_of_others(self.constants)
         # The different objects in cells and in boxes, in the order of the cells.
         things = dict[int, Any]()
         for thing in env.grid.grid:
@@ -81,6 +83,17 @@ class Level:
             for name, value in self.constants.items()
             if name not in self.plain
         }
+
+    def rebound(self, attributes: dict[str, Any]) -> str:
+        """Return the name of an attribute, not plain, that steps have given another value."""
+        if all(map(is_, self.values_of_others(attributes), self.first_others)):
+            return ""
+        changed = (
+            name
+            for name, digest in self.first_digests.items()
+            if fingerprint(attributes[name]) != digest
+        )
+        return next(changed, "")
 
     def components(self, env: MiniGrid) -> Words:
         """Return the components of the state that an environment of this level is in."""
@@ -215,7 +228,7 @@ class _TimelessCopies(Uncounted):
         self.note = _pay_one(env)
 
     def restore(self, env: Environment, content: Any) -> Restored:
-        self.longest = content.env.unwrapped.max_steps  # which a reset may set
+        self.longest = content.unwrapped.max_steps  # which a reset may set
         return super().restore(env, content)
 
 
@@ -244,6 +257,7 @@ class MiniGridAccess(StateAccess):
         self.grids = list[list[Any]]()
         self.last_grid = -1  # the number of the grid that was restored last
         self.level: Any = None
+        self.rebound = ""  # an attribute that steps give other objects, which are not saved
         self.env: Any = None
         self.gen_obs: Any = None  # what has replaced the environment's method, if anything
 
@@ -297,6 +311,8 @@ class MiniGridAccess(StateAccess):
         base: Any = env
         number, x, y, direction, carrying, grid, objects, plain, step = content
         level = self.levels[number]
+        if self.level is not None and not self.rebound:
+            self.rebound = self.level.rebound(vars(base))
         if level is not self.level:
             vars(base).update(level.constants)
             self.level = level
@@ -329,6 +345,8 @@ class MiniGridAccess(StateAccess):
         """Return the name of an attribute that steps have changed and that is not saved."""
         for level in self.levels:
             self.restore(env, level.content)
+            if self.rebound:
+                return self.rebound
             for name, digest in level.digests().items():
                 if digest != level.first_digests[name]:
                     return name

@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium import Env
 from gymnasium.spaces import Box
 
+from curricle.interop.discrete import is_discrete
 from curricle.interop.encoders import Bins, WholeNumbers
 from curricle.interop.gymnasium import actions_of, has_table
 from curricle.interop.states import Uncounted, Words, counters_of, words_of_state
@@ -19,6 +20,7 @@ from curricle.interop.tabulated_task import parts_of, same_observation
 from curricle.tasks.live import action_mask, checked_parts, seeded_reset
 from curricle.tasks.minigrid_view import is_minigrid
 from curricle.tasks.observation_task import check_observation, shared_restored
+from curricle.tasks.spaces import Component, Space
 
 PLAYED, EPISODES, LONGEST = 2.0, 6, 1_000  # seconds, episodes, and steps of an episode
 LIMITS = "steps|limit|horizon|length"  # in names of attributes that say how long episodes are
@@ -37,13 +39,21 @@ class Play:
         self.told = True  # whether observations tell which actions are available
         self.points, self.attributes = list[list[Any]](), list[Words]()  # points: of observations
         self.times, self.cuts = list[int](), list[int]()  # steps since the reset; at a truncation
-        self.act, self.actions = actions_of(env.action_space, None, None)
+        if is_discrete(env.action_space):
+            self.act, self.actions = actions_of(env.action_space, None, None)
+        else:  # all actions are one that the space draws
+            self.act = lambda _: self.env.action_space.sample()
+            self.actions = Space([Component("action", 1)])
         began, self._seconds = time.perf_counter(), 0.0  # of the environment alone
         self._until = began + PLAYED
         first, *_, again = [self._episode(env, seed) for seed in (*range(EPISODES), 0)]
         self.follows_seed, self._first = all(map(same_observation, first, again)), first
         self.speed = len(self.times) / (time.perf_counter() - began)  # steps a second
-        self.seconds_a_step = self._seconds / max(1, int(np.count_nonzero(self.times)))
+
+    @property
+    def seconds_a_step(self) -> float:
+        """The seconds that a step takes, with its share of a reset."""
+        return self._seconds / max(1, int(np.count_nonzero(self.times)))
 
     def is_repeated_in(self, other: Env[Any, Any]) -> bool:
         """Return whether another environment of the class shows the same in the first episode."""
@@ -52,12 +62,14 @@ class Play:
     def _episode(self, env: Env[Any, Any], seed: int) -> list[Any]:
         """Return observations and rewards of an episode; TaskError where it is not Gymnasium's."""
         rng, states = np.random.default_rng(seed), list[Any]()
+        self.env.action_space.seed(seed)
         over, cut, reward = False, False, 0.0
         began = time.perf_counter()
         observed, info = checked_parts("reset", seeded_reset(env, seed))
         self._seconds += time.perf_counter() - began
         check_observation(env.observation_space, observed)
-        self.masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
+        masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
+        self.masks = masks and is_discrete(env.action_space)
         while True:
             leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
             self.points.append([x for leaf in leaves for x in leaf])
@@ -96,7 +108,9 @@ class Play:
 
     def _is_shown(self, name: str) -> bool:
         """Return whether a number in observations is an attribute, maybe scaled."""
-        points: Any = np.array(self.points, float)
+        points: Any = np.array(
+            [[x if isinstance(x, int | float) else np.nan for x in point] for point in self.points]
+        )
         values: Any = [attributes[name] for attributes in self.attributes]
         for column in points[:, np.ptp(points, axis=0) > 0].T:
             if abs(np.corrcoef(column, values)[0, 1]) > 1 - SCALED:
@@ -155,11 +169,12 @@ class Play:
             return None
         points, ranges = np.array(self.points), dict[str, tuple[float, float]]()
         ends = zip(space.low, space.high, points.min(axis=0), points.max(axis=0), strict=True)
-        for name, (low, high, least, most) in zip(self.names(), ends, strict=True):
+        for name, (*bounds, least, most) in zip(self.names(), ends, strict=True):
+            low, high = map(float, bounds)  # of single precision their difference may overflow
             if high - low > VAST * (most - least):  # then bounds say nothing
                 low = max(low, least - BEYOND * (most - least))
                 high = min(high, most + BEYOND * (most - least))
-            ranges[name] = float(low), float(high)
+            ranges[name] = low, high
         if self.whole:
             whole = {name: (floor(low), ceil(high)) for name, (low, high) in ranges.items()}
             cells = prod(high - low + 1 for low, high in whole.values())

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy, deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import gymnasium as gym
@@ -21,13 +21,10 @@ from curricle.interop.states import (
     HARMLESS,
     Environment,
     Generator,
-    GeneratorState,
-    Restored,
     StateAccess,
     Words,
     acts_as,
     counters_of,
-    kind_of,
     restart,
     state_of,
     words_of_state,
@@ -277,9 +274,7 @@ class World:
     transitions: int = 0
     drawing: int = 0  # pairs whose steps draw random numbers
     shared: Sequence[Generator] = ()  # the global generators, if steps or resets draw from them
-    # The generators' states, where nobody has drawn since; where they were left after a sample.
-    _undrawn: list[GeneratorState] | None = None
-    _drawn: dict[tuple[int, type], GeneratorState] = field(default_factory=dict)
+    _undrawn: list[bytes] | None = None  # the generators' states, where nobody has drawn since
 
     def __post_init__(self) -> None:
         views_apart = not self.access.copies
@@ -295,7 +290,7 @@ class World:
         """Return the state after a reset with a seed."""
         self._undrawn, env = None, self.core
         if self.access.copies:
-            env, _ = self.access.restore(self.core, Restored(self.core, []))
+            env, _ = self.access.restore(self.core, self.core)
         with shared_restored():  # what the reset draws from them follows its seed
             returned, info = self._returned("reset", seeded_reset(env, seed))
         _rewind_clocks(env)
@@ -322,13 +317,10 @@ class World:
         if self.samples is None:
             yield self._step(content, action)
             return
-        for _ in range(self.samples):
+        for sample in range(self.samples):
             env, generators = self.access.restore(self.core, content)
-            generators = [*generators, *self.shared]
-            restart(generators, 0, self._drawn)  # with random numbers not used before
-            reached = self._arrival(env, action)
-            self._drawn |= {(k, kind_of(g)): state_of(g) for k, g in enumerate(generators)}
-            yield reached
+            restart([*generators, *self.shared], self.transitions * self.samples + sample)
+            yield self._arrival(env, action)
 
     def look(self, reached: Reached) -> tuple[object, Words]:
         """Return the observation and the components of the state that was reached last."""
@@ -349,7 +341,7 @@ class World:
         for repetition in range(1, REPETITIONS if drew else 2):
             again, generators = self.access.restore(self.core, content)
             if drew:
-                restart([*generators, *self.shared], repetition, {})
+                restart([*generators, *self.shared], repetition)
             self._check_repeated(first, self._arrival(again, action), action)
         # Where all is one environment its generators are now as they were, and it is in the same
         # state; else `first` has one of its own.

@@ -1,6 +1,7 @@
 """The states of an environment: how they are told apart, saved and restored."""
 
 import hashlib
+import pickle
 import random
 from abc import ABC, abstractmethod
 from collections import deque
@@ -9,7 +10,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from itertools import count
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any, NamedTuple
@@ -45,20 +46,19 @@ def acts_as(env: object, *kinds: type, methods: Sequence[str] = ("step", "reset"
 
 
 Generator = np.random.Generator | np.random.RandomState | random.Random
-GeneratorState = Mapping[str, Any] | tuple[Any, ...]
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
 SALT = 2718  # begins the seeds of repeated steps, so that they are not those of resets
 
 
-def restart(
-    generators: Sequence[Generator],
-    repetition: int,
-    states: Mapping[tuple[int, type], GeneratorState],
-) -> None:
-    """Seed generators differently in each repetition, or let them go on from their `states`."""
+def restart(generators: Sequence[Generator], repetition: int) -> None:
+    """Seed generators, each of them differently in each repetition."""
     for place, generator in enumerate(generators):
-        kind = kind_of(generator)
-        _set(generator, states.get((place, kind)) or _fresh(kind, place, repetition))
+        seed = (SALT + 1000 * place + repetition) % 2**32
+        if isinstance(generator, np.random.Generator):
+            bits = generator.bit_generator
+            bits.state = type(bits)(seed).state
+        else:
+            generator.seed(seed)
 
 
 @contextmanager
@@ -69,36 +69,11 @@ def shared_draws() -> Iterator[Callable[[], bool]]:
         yield lambda: [*map(state_of, SHARED)] != before
 
 
-def state_of(generator: Generator) -> GeneratorState:
+def state_of(generator: Generator) -> bytes:
     """Return a generator's state in a form that can be compared."""
     if isinstance(generator, np.random.Generator):
-        return generator.bit_generator.state
-    if isinstance(generator, np.random.RandomState):
-        name, keys, *rest = generator.get_state()
-        return name, tuple(np.asarray(keys).tolist()), *rest
-    return generator.getstate()
-
-
-def _set(generator: Generator, state: Any) -> None:
-    if isinstance(generator, np.random.Generator):
-        generator.bit_generator.state = state
-    elif isinstance(generator, np.random.RandomState):
-        generator.set_state(state)
-    else:
-        generator.setstate(state)
-
-
-@cache
-def _fresh(kind: type[Any], place: int, repetition: int) -> GeneratorState:
-    new = kind(SALT + 1000 * place + repetition)
-    return new.state if isinstance(new, np.random.BitGenerator) else state_of(new)
-
-
-def kind_of(generator: object) -> type:
-    """Return the kind of a generator: the type that draws its bits."""
-    if isinstance(generator, np.random.Generator):
-        return type(generator.bit_generator)
-    return next(kind for kind in GENERATORS if isinstance(generator, kind))
+        return pickle.dumps(generator.bit_generator.state)
+    return pickle.dumps(generator.__getstate__())
 
 
 PLAIN = (type(None), bool, int, float, complex, str, bytes)
@@ -189,7 +164,7 @@ class _Reader:
             parts = list(value)
         elif isinstance(value, dict):
             self.tell(type(value).__name__, len(value))
-            for key in sorted(value, key=repr):
+            for key in sorted(value, key=partial(fingerprint, left_out=self.left_out)):
                 self.read(key)
                 self.read(value[key])
         elif isinstance(value, set | frozenset):
@@ -326,18 +301,18 @@ class DeepCopy:
 
 
 class Copies(StateAccess):
-    """States as copies: the content of a state is an environment and its random generators."""
+    """States as copies: the content of a state is an environment."""
 
     copies = True
 
     def __init__(self, ignored: frozenset[str]):
         self.ignored, self.unmet = ignored, set(ignored)
 
-    def save(self, env: Environment, returned: object) -> tuple[Hashable, Restored]:
-        """Return the environment's digest; and itself, with its generators."""
+    def save(self, env: Environment, returned: object) -> tuple[Hashable, Environment]:
+        """Return the environment's digest, and itself."""
         reader = _Reader(env, self.ignored | left_out(env))
         self.unmet -= reader.skipped
-        return reader.digest.digest(), Restored(env, [*reader.generators.values()])
+        return reader.digest.digest(), env
 
     def check(self) -> None:
         """Raise SettingError if `ignore` names an attribute that nothing has."""
@@ -348,10 +323,9 @@ class Copies(StateAccess):
             )
 
     def restore(self, env: Environment, content: object) -> Restored:
-        """Return a copy, and its generators."""
-        assert isinstance(content, Restored)
-        copy, memo = copied(content.env)
-        return Restored(copy, [memo[id(part)] for part in content.generators if id(part) in memo])
+        """Return a copy, and its generators, wherever it holds them."""
+        copy, memo = copied(content)
+        return Restored(copy, [part for part in memo.values() if isinstance(part, GENERATORS)])
 
     def describe(self, env: Environment, observation: object) -> Words:
         """Return the plain attributes of the environment."""
@@ -394,11 +368,9 @@ class ObservedCopies(Copies):
         super().__init__(frozenset())
         self.names = names
 
-    def save(self, env: Environment, returned: object) -> tuple[Hashable, Restored]:
-        """Return the observation's digest; and the environment, with its generators."""
-        parts = [part for layer in layers_of(env) for part in vars(layer).values()]
-        generators = [part for part in parts if isinstance(part, GENERATORS)]
-        return fingerprint(returned), Restored(env, generators)
+    def save(self, env: Environment, returned: object) -> tuple[Hashable, Environment]:
+        """Return the observation's digest, and the environment."""
+        return fingerprint(returned), env
 
     def describe(self, env: Environment, observation: object) -> Words:
         """Return the numbers in an observation, fractions as words; none if they are many."""

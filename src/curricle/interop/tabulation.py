@@ -6,7 +6,6 @@ tables: they find parts of a state that were not saved.
 """
 
 from collections.abc import Callable, Collection, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -60,7 +59,7 @@ from curricle.progress import check_progress, shown
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.minigrid_view import is_minigrid
 from curricle.tasks.models import number_of
-from curricle.tasks.observation_task import SHARED, EnvironmentMaker, layers_of
+from curricle.tasks.observation_task import SHARED, layers_of
 from curricle.tasks.readers import Pairs
 from curricle.tasks.spaces import Component, Space, values_of
 from curricle.transfer.bisimulation import merged_outcomes, numbered_rows
@@ -303,7 +302,13 @@ def tabulate(
         raise TaskError(f"sizes need the names of their components: got sizes {sizes!r}")
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
-    with _opened(environment, make, state) as env:
+    if isinstance(environment, gym.Env):
+        try:
+            environment, _ = copied(environment)
+        except TaskError:
+            if not isinstance(state, tuple):
+                raise
+    with opened(environment, make) as env:
         if any(isinstance(layer, FrameStackObservation) for layer in layers_of(env)):
             raise TaskError(
                 "an environment with stacked frames cannot be tabulated, as each history of frames "
@@ -324,19 +329,6 @@ def tabulate(
         drawn = Shown(make, act, plan.seeds, before, tables.observations)
         tables = tables._replace(states=replace(tables.states, drawn=drawn))
     return TabulatedTask(tables.mdp(moves, discount, limit), tables.observations, record)
-
-
-def _opened(
-    environment: Environment, make: EnvironmentMaker, state: object
-) -> AbstractContextManager[Any]:
-    """Return a context with an environment that nothing else steps."""
-    if isinstance(environment, gym.Env):
-        try:
-            return nullcontext(copied(environment)[0])
-        except TaskError:
-            if not isinstance(state, tuple):
-                raise
-    return opened(environment, make)
 
 
 def words_of(env: gym.Env[Any, Any], n_states: int) -> Callable[[int], Words] | None:

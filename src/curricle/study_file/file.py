@@ -226,15 +226,17 @@ def toml_text(study: Mapping[str, Any]) -> str:
     """Return a study as the text of a file, a line for each key and each task."""
     lines = {key: value for key, value in study.items() if key != "tasks"}
     lines |= {f"tasks.{json.dumps(name)}": task for name, task in study["tasks"].items()}
-    return "".join(f"{key} = {_toml(value)}\n" for key, value in lines.items())
+    return "".join(f"{key} = {toml_value(value)}\n" for key, value in lines.items())
 
 
-def _toml(value: object) -> str:
+def toml_value(value: object) -> str:
+    """Return a value as TOML, in one line."""
     if isinstance(value, Mapping):
-        inner = (f"{json.dumps(key)} = {_toml(below)}" for key, below in value.items())
-        return f"{{ {', '.join(inner)} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
+        keys = (key if re.fullmatch(r"[\w-]+", key, re.ASCII) else json.dumps(key) for key in value)
+        pairs = map("{} = {}".format, keys, map(toml_value, value.values()))
+        return f"{{ {', '.join(pairs)} }}" if value else "{}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
     return str(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 

@@ -253,6 +253,12 @@ def test_bins_make_numbers_states():
     assert len(set(close)) == 4
 
 
+def test_wrong_whole_numbers_are_named():
+    for ranges in ([("a", (0, 3))], {}, {"a": 5}, {"a": (3,)}, {"a": (0, 1.5)}, {"a": (3, 0)}):
+        with pytest.raises(cr.errors.TaskError, match=r"need a dict|two whole numbers: 'a'|'a'"):
+            cr.interop.encoders.WholeNumbers(ranges)
+
+
 def test_wrong_bins_are_named():
     wrong = [[1, 2], {"x": [2, 1]}, {"x": [1, np.nan]}, {"x": [[1, 2]]}]
     for edges in wrong:

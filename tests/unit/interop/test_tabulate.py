@@ -196,13 +196,36 @@ def test_an_environment_that_is_given_is_left_alone():
     assert env.get_wrapper_attr("_elapsed_steps") == 1
 
 
-@pytest.mark.parametrize("where", ["environment", "attribute", "standard library", "nobody's"])
+PLACES = "environment", "attribute", "standard library", "attribute of an attribute"
+
+
+@pytest.mark.parametrize("where", [*PLACES, "nobody's"])
 def test_random_steps_are_refused_wherever_the_numbers_come_from(where):
     message = r"steps must be deterministic .*outcomes=.*samples="
     if where == "nobody's":  # by chance repeated steps may agree, and a later comparison finds it
         message += "|led elsewhere in"
     with pytest.raises(TaskError, match=message):
         cr.tabulate(lambda: Slippery(where), discount=0.5)
+
+
+@pytest.mark.parametrize("state", [DeepCopy(), DeepCopy(observed=())])
+@pytest.mark.parametrize("where", PLACES)
+def test_samples_of_a_step_differ_wherever_the_numbers_come_from(where, state):
+    task = cr.tabulate(lambda: Slippery(where), discount=0.5, state=state, samples=200)
+    assert task.mdp.probability[task.mdp.outcome_row[0, 1]].max() == pytest.approx(0.5, abs=0.15)
+
+
+def test_dicts_are_read_in_an_order_that_copies_keep():
+    class Thing:
+        pass
+
+    class Healths(Corridor):
+        def __init__(self):
+            super().__init__()
+            self.health = {Thing(): k for k in range(6)}
+
+    task = cr.tabulate(Healths, discount=0.5)
+    assert_same_tables(task.mdp, cr.tabulate(Corridor, discount=0.5).mdp)
 
 
 def test_a_step_is_repeated_from_its_state():

@@ -155,7 +155,16 @@ class FarNotes(Notes):
         return tuple(map(int, self.agent_pos)) == (6, 5)
 
 
-@pytest.mark.parametrize(("level", "length"), [(Notes, 4), (FarNotes, 12)])
+class Rebound(FarNotes):
+    """Puts another list in the place of the first."""
+
+    def step(self, action):
+        if action == 5 and not self.notes and self.worth_noting():
+            self.notes = [action]
+        return super().step(action)
+
+
+@pytest.mark.parametrize(("level", "length"), [(Notes, 4), (FarNotes, 12), (Rebound, 12)])
 def test_levels_that_keep_a_state_elsewhere_are_saved_by_copies(level, length):
     with pytest.raises(TaskError, match=r"MiniGridState\(copies=True\)|deterministic"):
         cr.tabulate(level, discount=0.9, state=MiniGridState())

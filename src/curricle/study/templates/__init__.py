@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from importlib.resources import files
 from importlib.util import find_spec
@@ -77,6 +78,13 @@ def template(kind: str) -> str:
     return files(__package__).joinpath(f"{kind}.toml").read_text(encoding="utf-8")
 
 
+def _is_there(module: str) -> bool:
+    """Return whether a module, maybe one in a package, can be imported."""
+    with suppress(ImportError, ValueError):  # where its package is not there, or no name at all
+        return find_spec(module) is not None
+    return False
+
+
 def _known(name: str) -> str:
     """Return the id of an environment (MiniGrid's with its module); ConfigError if unknown."""
     from gymnasium.envs.registration import registry
@@ -85,7 +93,7 @@ def _known(name: str) -> str:
     from curricle.interop.gymnasium import suggested_ids
 
     module, colon, _ = name.partition(":")
-    if name in registry or (colon and module.isidentifier() and find_spec(module)):
+    if name in registry or (colon and _is_there(module)):
         return name  # gymnasium.make imports the module, which registers its environments
     if find_spec("minigrid"):
         import_module("minigrid")

@@ -46,14 +46,14 @@ from curricle.study.templates.variants import (
     arguments_of,
     easier,
     in_rows,
-    judged_in_tables,
     learnt,
     near_the_goal,
 )
+from curricle.study_file.file import toml_value
 from curricle.study_file.own_code import users_code
-from curricle.tasks.live import checked_parts, is_live, seeded_reset
+from curricle.tasks.live import is_live
 from curricle.tasks.minigrid_view import is_minigrid
-from curricle.tasks.observation_task import EnvironmentMaker, check_observation
+from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.text import counted
 
 DISCOUNT = 0.99
@@ -65,7 +65,6 @@ SECONDS_A_STEP = {False: 5e-4, True: 1e-2}  # of its learning, by whether it see
 OF_DQN: dict[str, Any] = {"learning_rate": 1e-3, "batch_size": 64, "target_update_interval": 500}
 OF_DQN |= {"exploration_fraction": 0.3}
 OF_PPO: dict[str, Any] = {"n_envs": 4, "learning_rate": 1e-3, "normalize": True}
-TIMED_STEPS = 100  # to see how long a step of a class takes
 LIMIT = 500  # time limit of an environment that has none
 # Options of `tabulate` for random steps.
 SAMPLED: dict[str, Any] = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}
@@ -130,12 +129,6 @@ def _by_observation(way: "partial[Any]") -> bool:
     return getattr(way.keywords.get("state"), "observed", None) is not None
 
 
-def _is_ambiguous(task: Any) -> bool:
-    """Return whether several states of a table look alike, such as those with unlike records."""
-    observations = getattr(task, "observations", None)
-    return observations is not None and bool(observations.ambiguous.any())
-
-
 class Found(NamedTuple):
     """A task of an environment, None if no way makes one, the way, and the first refusal."""
 
@@ -165,7 +158,8 @@ def _searched(
             say(f"searching for its states{observed}{sampled} (at most {seconds:.0f} s)")
         try:
             task = _made(way, recipe, {}, seconds)
-            if alike and way is not alike and _is_ambiguous(task):
+            unlike = way.func is tabulate and task.observations.ambiguous.any()
+            if alike and way is not alike and unlike:  # states that look alike, as records do
                 with suppress(TaskError):  # what is not seen makes a difference
                     return Found(_made(alike, recipe, {}, seconds), alike, refusal)
             return Found(task, way, refusal)
@@ -196,14 +190,9 @@ def environment_study(
 def _study(
     name: str, recipe: Recipe, env: Env[Any, Any], say: Callable[[str], object]
 ) -> tuple[str, list[str]]:
-    if not is_discrete(env.action_space):
-        notes = [BY_NETWORK + "its actions are no whole numbers"]
-        return _of_network(name, recipe, env, notes, _limit(env, None), _checked(env))
     say(f"playing {EPISODES} episodes of random actions (at most {PLAYED:.0f} s)")
     play = Play(env)
     recipe, fixed, notes = _repeatable(recipe, play)
-    ways = _ways(env, play)
-    searched = _searched(ways, recipe, play, say)
 
     def by_network(why: str) -> tuple[str, list[str]]:
         notes.append(BY_NETWORK + why)
@@ -212,6 +201,10 @@ def _study(
         keys = _limit(env, play.limit) | fixed
         return _of_network(name, recipe, env, notes, keys, play.seconds_a_step)
 
+    if not is_discrete(env.action_space):
+        return by_network("its actions are no whole numbers")
+    ways = _ways(env, play)
+    searched = _searched(ways, recipe, play, say)
     if searched.task is None:
         return by_network(_refused(searched, play))
     if not (is_live(searched.task) or has_table(env)):
@@ -238,11 +231,17 @@ def _study(
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
     arguments = list(arguments_of(recipe, env))
     say(f"trying {counted(len(arguments), 'variant')} (the last begins within {SECONDS:.0f} s)")
-    of_variant = trial
-    if live and play.whole:
-        in_tables = partial(learnt, budgets=BUDGETS, has_goal=True)
-        tabulated = partial(_made, partial(ways[0], **({} if searched.large else JUDGED)), recipe)
-        of_variant = partial(judged_in_tables, tabulated, in_tables, trial)
+
+    def of_variant(arguments: dict[str, Any], variant: Any) -> Variant:
+        """Return a variant learnt: a live one by its tables, where it is small enough for some."""
+        if live and play.whole:
+            by_tables = partial(ways[0], **({} if searched.large else JUDGED))
+            with suppress(TaskError):
+                in_tables = _made(by_tables, recipe, arguments, SMALL)
+                by_its_tables = learnt(arguments, in_tables, BUDGETS, has_goal=True)
+                return by_its_tables._replace(task=variant)
+        return trial(arguments, variant)
+
     easy = easier(target, partial(_made, way, recipe), iter(arguments), of_variant)
     near = None if easy.variants else near_the_goal(target, trial)
     keys = _keys(way) | fixed
@@ -278,22 +277,6 @@ def _repeatable(recipe: Recipe, play: Play) -> tuple[Recipe, dict[str, Any], lis
             "what the class makes of the others is learnt"
         )
     return recipe, fixed, notes
-
-
-def _checked(env: Env[Any, Any]) -> float:
-    """Return the seconds of a step; TaskError unless parts are what the spaces announce."""
-    began, seconds = time.perf_counter(), list[float]()
-    observed = checked_parts("reset", seeded_reset(env, 0))[0]
-    of_reset = time.perf_counter() - began
-    check_observation(env.observation_space, observed)
-    env.action_space.seed(0)
-    terminated = truncated = False
-    while not (terminated or truncated or len(seconds) == TIMED_STEPS or sum(seconds) > PLAYED):
-        action, began = env.action_space.sample(), time.perf_counter()
-        observed, _, terminated, truncated, _ = checked_parts("step", env.step(action))
-        seconds.append(time.perf_counter() - began)
-        check_observation(env.observation_space, observed)
-    return (of_reset + sum(seconds)) / len(seconds)
 
 
 def _refused(searched: Found, play: Play) -> str:
@@ -363,10 +346,10 @@ def _of_sources(
         states = f"{of_variant:,} states" + f" instead of {size:,}" * (of_variant < size)
         steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
         regains = variant.mappings[easy.rows].regains
-        arguments = _toml(variant.arguments)[2:-2]
+        arguments = toml_value(variant.arguments)[2:-2]
         notes.append(f"easier with {arguments}: {states}, {steps}; its mapping {regains}")
     if easy.unread:
-        arguments = " or ".join(_toml(variant.arguments)[2:-2] for variant in easy.unread)
+        arguments = " or ".join(toml_value(variant.arguments)[2:-2] for variant in easy.unread)
         notes.append(f"also easier, but no mapping by components fits: {arguments}")
     if near is not None:
         high, variant = near
@@ -445,25 +428,9 @@ def _transfer(fits: Fitting) -> dict[str, Any]:
     return {key: value for key, value in keys.items() if value is not None}
 
 
-def _toml(value: object) -> str:
-    """Return a value as TOML, a dict in one line."""
-    if not isinstance(value, dict):
-        return json.dumps(value)
-    pairs = (
-        f"{key if re.fullmatch(r'[A-Za-z0-9_-]+', key) else json.dumps(key)} = {_toml(part)}"
-        for key, part in value.items()
-    )
-    return f"{{ {', '.join(pairs)} }}" if value else "{}"
-
-
 def _rounded_up(steps: float) -> int:
     """Return steps rounded up to one digit and zeros."""
     return math.ceil(steps / (unit := _unit(steps))) * unit
-
-
-def _rounded_down(steps: int) -> int:
-    """Return steps rounded down to one digit and zeros."""
-    return steps // (unit := _unit(steps)) * unit
 
 
 def _unit(steps: float) -> int:
@@ -494,10 +461,13 @@ def _of_network(
     pictures = not view and max(sides, default=0) >= LEAST_SIDE
     policy = "CnnPolicy" if pictures else "MlpPolicy"
     policy = "MultiInputPolicy" if isinstance(observed, Dict) and not view else policy
-    longest = time_limit_of(env) or keys.get("time_limit") or LIMIT
+    world: Any = env.unwrapped
+    stated = world.max_steps if is_minigrid(env) else None
+    longest = time_limit_of(env, stated) or keys.get("time_limit") or LIMIT
     # Evaluation takes about as many steps as learning, or three episodes if these are longer.
     most = int(SECONDS_A_SEED / (SECONDS_A_STEP[pictures] + 2 * seconds))
-    budget = _rounded_down(min(max(most, LEAST_STEPS), MOST_STEPS))
+    budget = min(max(most, LEAST_STEPS), MOST_STEPS)
+    budget -= budget % _unit(budget)
     checkpoints = min(max(budget // longest, 2), 10)
     episodes = min(max(budget // (checkpoints * longest), 1), 5)
     notes.append(
@@ -536,7 +506,7 @@ def _text(name: str, recipe: object, notes: list[str], filled: dict[str, Any]) -
         trim_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
-    environment.filters |= {"json": _toml, "comment": comment}
+    environment.filters |= {"json": toml_value, "comment": comment}
     template = environment.get_template("environment.txt", globals={"discount": DISCOUNT})
     filled = {"name": name, "own": callable(recipe), "notes": notes, "network": None, **filled}
     return template.render(filled)

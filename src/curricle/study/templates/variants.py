@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from inspect import signature
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,9 +46,7 @@ FIRST, LOOKS = 2_000, 4  # steps and checkpoints by which a mapping is tried wit
 ROLLOUTS = GreedyEvaluation(episodes=2)  # of a live task
 SCORED = 200_000  # pairs of the target up to which tables score the mappings of its variants
 MOST_PAIRS = 10_000_000  # pairs up to which tables are dense, and what they learn scores mappings
-SMALL = (
-    4.0  # seconds to find the states of a variant by which it is judged where the target is live
-)
+SMALL = 4.0  # seconds to find the states of a variant that judge it where the target is live
 GRID = ("row", "column")  # names of a state that is one number, row * columns + column
 TRIED, CHECKS = 3, 20  # seeds and checkpoints of such a trial
 QUICK = 3_000  # steps a second from which on a live task is tried
@@ -109,19 +108,6 @@ def learnt(
             steps = float(learning.steps[near.argmax()])
             return Variant(arguments, task, judgement, steps, values, {})
     return Variant(arguments, task, judgement, math.inf, values, {})
-
-
-def judged_in_tables(
-    tabulated: Callable[[dict[str, Any], float], Any],
-    in_tables: Callable[[dict[str, Any], Any], Variant],
-    live: Callable[[dict[str, Any], Any], Variant],
-    arguments: dict[str, Any],
-    task: Any,
-) -> Variant:
-    """Return a live variant, judged by its tables where it is small enough to have some."""
-    with suppress(TaskError):
-        return in_tables(arguments, tabulated(arguments, SMALL))._replace(task=task)
-    return live(arguments, task)
 
 
 def near_the_goal(
@@ -217,7 +203,7 @@ def _by_returns(target: Any, source: Any, variant: Variant) -> Fitting:
     if values is None or values.shape != (source.states.size, source.actions.size):
         values = learn(source, QLearning(), LIVE[0], evaluation=ROLLOUTS).values[0]
 
-    pair: Any = Pair(target, source)
+    pair: Any = SimpleNamespace(target=target, source=source)  # searches read components alone
     proposals = [*by_name(pair)]
     with suppress(MappingError):
         proposals += by_alignment(pair)
@@ -248,13 +234,6 @@ def _first_returns(target: Any, shaping: QInitialisation | None) -> FloatArray:
 @lru_cache(maxsize=1)  # all variants of a target are compared with it
 def _unshaped_returns(target: Any) -> FloatArray:
     return _first_returns(target, None)
-
-
-class Pair(NamedTuple):
-    """A target and a source without tables, for searches that read components alone."""
-
-    target: Any
-    source: Any
 
 
 def in_rows(task: Any) -> Any:
