@@ -77,6 +77,36 @@ def test_fraction_stands_for_a_return_between_random_and_optimal():
         cr.StoppingRule(10, threshold=1.0, fraction=0.5)
 
 
+def test_every_policy_reaches_a_fraction_where_all_are_optimal():
+    rng = np.random.default_rng(0)
+    for _ in range(10):  # rounding puts some optima above the random policy's return, some below
+        p, r = rng.dirichlet(np.ones(4), size=(4, 1)), rng.normal(size=(4, 1))
+        equal = cr.FiniteMDP.from_dense(
+            p.repeat(3, axis=1), r.repeat(3, axis=1), terminal=[False] * 4, start=0, discount=0.9,
+            time_limit=50,
+        )  # fmt: skip
+        rule = cr.StoppingRule(1000, fraction=1.0, patience=2)
+        assert cr.learn(equal, budget=rule, eval_freq=10).steps_used.tolist() == [10]
+
+
+def test_without_the_discount_an_optimum_may_lie_below_random_play():
+    # 1 and the end at once, or 5 in three steps, which the discount makes the worse.
+    ways = [[(1.0, 4, 1.0, True)], [(1.0, 1, 0.0, False)]]
+    later = [
+        [[(1.0, 2, 0.0, False)]] * 2,
+        [[(1.0, 3, 0.0, False)]] * 2,
+        [[(1.0, 4, 5.0, True)]] * 2,
+    ]
+    task = cr.FiniteMDP.from_outcomes(
+        [ways, *later, [[], []]], start=0, discount=0.5, time_limit=50
+    )
+    settings = {"evaluation": cr.GreedyEvaluation(discounted=False), "seeds": 2}
+    result = cr.learn(task, budget=cr.StoppingRule(1000, settled=0.05), **settings)
+    assert result.floor.tolist() == [-np.inf] * 2
+    with pytest.raises(SettingError, match="they return 1 and 3; give a return instead"):
+        cr.learn(task, budget=cr.StoppingRule(1000, fraction=0.5), **settings)
+
+
 def test_a_rule_that_makes_no_sense_is_refused():
     nan = float("nan")
     check_values(SettingError, cr.StoppingRule, {"max_steps": [0]})

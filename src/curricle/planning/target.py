@@ -122,17 +122,22 @@ class Target:
     def _no_values(self) -> VisitedValues:
         return VisitedValues.none(generative_model(self.task).actions.size)
 
+    @property
+    def _above_random(self) -> bool:
+        """Whether the optimum exceeds the random policy's return by more than rounding."""
+        # Undiscounted, the policy that is optimal with the discount need not beat a random one.
+        best, worst = self.optimum, self.random_return
+        return best > worst and not math.isclose(best, worst, rel_tol=ROUNDING)
+
     @cached_property
     def floor(self) -> float:
         """The return above which something was learnt: half of the way from random to the optimum.
 
         Where the optimum is unknown, the random policy's return and its noise; without a bound
-        where the random policy is optimal, as there is nothing to learn.
+        where the optimum is not above random play.
         """
         if self.solution is not None:
-            best, worst = self.optimum, self.random_return
-            equal = math.isclose(best, worst, rel_tol=ROUNDING)
-            return -math.inf if equal else self.level(NOT_LEARNT)
+            return self.level(NOT_LEARNT) if self._above_random else -math.inf
         return self.random.value + STANDARD_ERRORS * self.random.noise
 
     @property
@@ -161,7 +166,8 @@ class Target:
     def level(self, fraction: float) -> float:
         """Return worst + fraction (optimum - worst), worst being the random policy's return.
 
-        SettingError when the target is not solved.
+        Where these two are equal up to rounding, every policy reaches the level. SettingError when
+        the target is not solved, or its optimum is below random play.
         """
         if self.solution is None:
             raise not_solved(fraction, self.task)
@@ -171,7 +177,16 @@ class Target:
                 "a fraction of the optimum needs a time limit, time_limit=, where the discount "
                 f"leaves less than {NEGLIGIBLE:g} of all rewards: it is {model.discount:g}"
             )
-        return fraction_of_optimum(self.optimum, self.random_return, fraction)
+        best, worst = self.optimum, self.random_return
+        if math.isclose(best, worst, rel_tol=ROUNDING):
+            return min(best, worst) - ROUNDING * abs(best)
+        if best < worst:
+            raise SettingError(
+                "a fraction of the optimum needs an optimal policy that returns more than random "
+                f"play: by the evaluation of {self.task!r} they return {best:g} and {worst:g}; "
+                "give a return instead"
+            )
+        return fraction_of_optimum(best, worst, fraction)
 
 
 def not_solved(fraction: float, task: object) -> SettingError:
