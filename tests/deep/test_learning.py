@@ -182,7 +182,10 @@ def test_episodes_are_counted_in_several_environments(observed, episodes, envs):
     many = cr.deep.DeepLearner("PPO", envs=envs, settings={"n_steps": 16, "batch_size": 16})
     result = cr.deep.learn_deep(observed, many, cr.learning.Episodes(episodes), eval_freq=10)
     assert result.episodes[0].max() <= episodes + envs - 1
-    assert result.steps_used[0] <= (episodes + envs - 1) * MAZE.time_limit + envs - 1
+    plan = cr.Curriculum({"a": observed}, learner=many, budget=cr.Episodes(episodes), eval_freq=10)
+    most = plan.node("a").most_steps
+    assert most == (episodes + envs - 1) * MAZE.time_limit
+    assert result.steps_used[0] <= most + envs - 1
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,8 @@ class Node:
         if self.distilled:
             return self.task.cost  # type: ignore[no-any-return]
         limit = self.task.longest if self.deep else generative_model(self.task).time_limit
-        return longest_run(limit, self.budget, self.eval_freq)
+        envs = self.learner.envs if self.deep else 1
+        return longest_run(limit, self.budget, self.eval_freq, envs)
 
     @property
     def most_evaluation_steps(self) -> int:
