@@ -91,7 +91,10 @@ def test_sparse_values_act_where_learning_was_and_draw_elsewhere():
     policy, whole = result.policy, dense.policy
     assert [policy.predict(s) for s in visited] == [whole.predict(s) for s in visited]
     new = np.setdiff1d(np.arange(HUNT.states.size), visited)[0]
-    assert policy.predict(int(new)) == 0
+    assert policy.predict(int(new)) == TabularPolicy(None, policy.values).predict(int(new)) == 0
+    for values in (policy, whole):
+        with pytest.raises(SettingError, match="a state must be below 729: got 729"):
+            values.predict(HUNT.states.size)
     # In the states of this table alone, one action is right.
     rows = np.zeros((len(visited), HUNT.actions.size))
     rows[:, 7] = 1.0

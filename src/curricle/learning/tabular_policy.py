@@ -118,10 +118,10 @@ class TabularPolicy(Frozen):
                 return values.at(state)
             unknown: FloatTable = np.zeros((1, values.values.shape[1]))
             if self.task is not None:
+                _check_exists(state, generative_model(self.task).states.size)
                 unknown = closed(unknown, available_actions(self.task, np.array([state])))
             return np.asarray(unknown[0])
-        if state >= len(values):
-            raise SettingError(f"a state must be below {len(values):,}: got {state:,}")
+        _check_exists(state, len(values))
         row: FloatTable = values[state]
         return row
 
@@ -187,6 +187,11 @@ class TabularPolicy(Frozen):
 
     def __repr__(self) -> str:
         return f"TabularPolicy({'no task' if self.task is None else brief_value(self.task)})"
+
+
+def _check_exists(state: int, n_states: int) -> None:
+    if state >= n_states:
+        raise SettingError(f"a state must be below {n_states:,}: got {state:,}")
 
 
 # -- values, and what a file says of their task ----------------------------------------------------
