@@ -59,6 +59,8 @@ def test_kinds_are_kept_where_they_can_say_it():
     for task in (FrozenLake(), CliffWalking()):
         assert isinstance(with_start(task, "reachable"), type(task))
     assert isinstance(with_start(TASKS["pursuit"], "uniform"), TaskWithStart)
+    # CliffWalking starts no episode in the cliff, which ends none.
+    assert with_start(CliffWalking(columns=4), [13]).mdp.start_states.tolist() == [13]
     shares = visit_distribution(MAZE)
     visited = with_start(MAZE, shares)
     assert isinstance(visited, TaskWithStart)

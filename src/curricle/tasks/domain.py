@@ -157,9 +157,12 @@ class GridDomain(Domain):
         """Return the same task with another `start`."""
         return replace(self, start=start)
 
+    def can_start_in(self, states: IntArray) -> bool:
+        """Return whether each state is one cell, and episodes may start in the cells of these."""
+        return self.states.size == len(self.cells) and bool(self._standing[states].all())
+
     def start_in(self, states: IntArray) -> Self:
         """Return the same task with starts in the cells of these states, equally likely."""
-        # Where each state is one cell, as :func:`with_start` makes sure.
         return self.with_start([(int(row), int(column)) for row, column in self.cells[states]])
 
     @property

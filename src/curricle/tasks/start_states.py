@@ -139,7 +139,7 @@ def with_start(task: object, start: object) -> Any:
         return base.start_from(distribution)
     positive = np.flatnonzero(distribution)
     equal = (distribution[positive] == distribution[positive[0]]).all()
-    if equal and isinstance(base, GridDomain) and base.states.size == len(base.cells):
+    if equal and isinstance(base, GridDomain) and base.can_start_in(positive):
         return base.start_in(positive)
     return TaskWithStart(base, distribution)
 
