@@ -67,7 +67,12 @@ TASKS = [
         "as terminal has it .*: state 2 does both, at last from state 1, action 0",
     ),
     (lambda: outcomes([[[(1.0, 1, 0.0, True)]], [[]]], start=2), r"must lie in 0\.\.1: got 2"),
-    (lambda: outcomes([[[(1, 2, 0, True)]], [[]]]), r"0\.\.1: got 0\.\.2"),
+    (lambda: outcomes([[[(1, 2, 0, True)]], [[]]]), r"0\.\.1: state 0, action 0 has \(1, 2, 0"),
+    (
+        lambda: outcomes([[[(1, 5, 0, False)]]]),
+        r"next states must lie in 0\.\.0: state 0, action 0",
+    ),
+    (lambda: dense(start=["a", "b"]), r"start must be an array of numbers: got \['a', 'b'\]"),
     (lambda: tables(outcome_row=np.full((3, 4), 6)), r"outcome.rows? .* 0\.\.5: got 6"),
     (lambda: dense(start=[0.5, 0.5]), "state 1 has start probability 0.5"),
     (lambda: dense(start=[0.5, 0.4]), "sum to 1: they sum to 0.9"),

@@ -147,14 +147,14 @@ def _sparse(matrix: object, name: str = "transition") -> Any:
 
 def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
     """Return the (S,) start distribution for a start state or a distribution."""
-    begins = np.asarray(start)
-    if begins.ndim == 0 and np.issubdtype(begins.dtype, np.integer):
+    begins = numbers("start", start, TaskError)
+    if begins.ndim == 0 and np.issubdtype(np.asarray(start).dtype, np.integer):
         if not 0 <= begins < n_states:
-            raise TaskError(f"the start state must lie in 0..{n_states - 1}: got {begins}")
+            raise TaskError(f"the start state must lie in 0..{n_states - 1}: got {int(begins)}")
         return np.asarray(np.arange(n_states) == begins, dtype=np.float64)
     if begins.shape != (n_states,):
         raise TaskError(f"start must be a state or have shape ({n_states},): got {begins.shape}")
-    return begins.astype(np.float64)
+    return begins
 
 
 def listed_outcomes(outcomes: Any) -> tuple[list[list[Any]], Pairs]:
@@ -195,6 +195,11 @@ def listed_outcomes(outcomes: Any) -> tuple[list[list[Any]], Pairs]:
                 raise TaskError(
                     "an outcome must be (probability, next state, reward) and may have a "
                     f"terminated flag: state {s}, action {a} has {brief(outcome)}"
+                )
+            if not 0 <= after < len(lists):
+                raise TaskError(
+                    f"next states must lie in 0..{len(lists) - 1}: state {s}, action {a} has "
+                    f"{brief(outcome)}"
                 )
     count = np.array([len(pair) for row in lists for pair in row])
     columns = [np.array(column) for column in zip(*flat, strict=True)]
