@@ -128,7 +128,8 @@ def test_swimming_right_is_worth_its_closed_form(n, forward, back, leave, stay):
 
 
 def test_a_crop_keeps_positions_and_the_rewards_of_the_banks_that_it_has():
-    river = RiverSwim(size=8)
+    river = RiverSwim(size=8, start=np.array([2, 1]))
+    assert river == RiverSwim(size=8)
     early, late = river.crop(positions=(0, 3)), river.crop(positions=(5, 8))
     assert (early.left_reward, early.right_reward) == (5, 0)
     assert (late.left_reward, late.right_reward) == (0, 10_000)

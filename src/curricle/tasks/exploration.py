@@ -174,7 +174,7 @@ class RiverSwim(Domain):
                 f"forward and back must be at most 1 together: got {self.forward:g} and "
                 f"{self.back:g}"
             )
-        if self.start != "uniform":
+        if not (isinstance(self.start, str) and self.start == "uniform"):
             listed = isinstance(self.start, Iterable) and not isinstance(self.start, str)
             positions = whole([*self.start] if listed else [], "the positions of start")
             end = self.origin + self.size
