@@ -225,6 +225,12 @@ def trained_on_a_bonus():
     return build([("left", "far")]).train(trained={"left": shaped})
 
 
+def all_trained_before():
+    plan = build([("near", "left")])
+    return plan.train(trained=plan.train().sources)
+
+
+SEEN = cr.transfer.identity(cr.observation_task("MountainCar-v0"))
 CONSTANT = {"far": cr.StateShaping(np.zeros(12))}
 EPISODES = {"budget": {"far": cr.Episodes(30)}}
 REFUSED = [
@@ -234,6 +240,8 @@ REFUSED = [
     (lambda: build(CHAIN, shaping={"left": cr.RewardBonus()}), "own rewards: RewardBonus changes"),
     (trained_on_a_bonus, "'left', which 'far' reads, contain shaping"),
     (lambda: build(CHAIN, **EPISODES).train(charge=True), "that of target 'far' is 30 episodes"),
+    (lambda: all_trained_before().frame(), "a frame needs a task that was trained here: all came"),
+    (lambda: cr.Transfer("a", "b", SEEN).potential(np.zeros((3, 3))), "a -> b reads observations"),
 ]
 
 

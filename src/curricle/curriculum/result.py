@@ -167,6 +167,11 @@ class CurriculumResult:
 
         Its columns are the task, those of :meth:`LearningResult.frame`, and source_steps.
         """
+        if not self.nodes:
+            raise CurriculumError(
+                "a frame needs a task that was trained here: all came by trained=; take the frame "
+                "of the result that they came from"
+            )
         parts = [
             curve_columns(arrays_of(node) | {"source_steps": self.source_steps(name)}, name)
             for name, node in self.nodes.items()

@@ -13,7 +13,7 @@ from curricle.checks import number
 from curricle.errors import CurriculumError
 from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.text import brief_repr
-from curricle.transfer.mapping import TaskMapping
+from curricle.transfer.mapping import PairMapping, TaskMapping
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,11 @@ class Transfer:
             raise CurriculumError(
                 f"the mapping of {self.source} -> {self.target} is found when a curriculum is made "
                 "with the transfer: it has none yet"
+            )
+        if not isinstance(self.mapping, PairMapping):
+            raise CurriculumError(
+                f"a potential as a table needs a mapping of numbered states: that of {self.source} "
+                f"-> {self.target} reads observations; ask it for the pairs or the states of some"
             )
         return np.asarray(self.mapping.read(source_values, self.scale, self.shift))
 
