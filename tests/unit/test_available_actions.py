@@ -16,7 +16,7 @@ from curricle.planning.rollouts import random_rollouts, rollout
 from curricle.tasks import ComputedMDP
 from curricle.transfer.rollouts import potential_return
 from curricle.transfer.search import score_mapping
-from tests.support.tasks import random_mdp, with_masks
+from tests.support.tasks import dense_of, random_mdp, with_masks
 
 LIVE = [(1.0, 1, 0.0)]
 
@@ -206,15 +206,20 @@ def test_comparisons_and_controls_run():
     assert "inf" not in str(comparison)
 
 
-def test_coarser_sources_allow_what_one_of_their_states_allows():
+def test_coarser_sources_average_the_actions_that_their_states_allow():
     cells = cr.Space([cr.Component("row", 1), cr.Component("column", 8)])
     task = with_masks(random_mdp(10, n_states=8, n_actions=4, time_limit=20), 10)
     task = replace(task, states=cells, terminal=np.arange(8) >= 6, start=np.eye(8)[0])
     merged = [c.task for c in cr.candidates.source_candidates(task) if c.kind == "coarser"]
     assert merged
+    allowed = task.available[:6].reshape(3, 2, 4, 1)
+    goes = dense_of(task)[0][:6].reshape(3, 2, 4, 4, 2).sum(axis=-1) * allowed
+    with np.errstate(invalid="ignore"):
+        mean = goes.sum(axis=1) / allowed.sum(axis=1)  # nan where neither state has the action
     for source in merged:
         first = source.available[:3] if source.available is not None else np.ones((3, 4), bool)
-        np.testing.assert_array_equal(first, task.available[:6:2] | task.available[1:6:2])
+        np.testing.assert_array_equal(first, allowed.any(axis=(1, 3)))
+        np.testing.assert_allclose(dense_of(source)[0][:3][first], mean[first])
 
 
 class Matches(gym.Env):

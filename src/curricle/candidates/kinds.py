@@ -425,9 +425,12 @@ def _clusters(mdp: FiniteMDP, names: tuple[str, ...]) -> tuple[Space, IntArray]:
 def _average(mdp: FiniteMDP, cluster: IntArray, n: int) -> tuple[Any, Any, Any]:
     """Return chances, next clusters and mean rewards of n clusters' pairs, (n A, O') each."""
     n_actions, row = mdp.outcome_row.shape[1], mdp.outcome_row.ravel()
-    size = np.bincount(cluster, minlength=n)
     pair = (cluster[:, None] * n_actions + np.arange(n_actions)).ravel()
-    chance = mdp.probability[row] / size[cluster].repeat(n_actions)[:, None]
+    # An action counts where it is available; where no state of a cluster has it, all rows do.
+    allowed = np.ones(pair.size) if mdp.available is None else mdp.available.ravel().astype(float)
+    allowed[np.bincount(pair, allowed)[pair] == 0] = 1.0
+    size = np.bincount(pair, allowed)[pair]
+    chance = mdp.probability[row] * allowed[:, None] / size[:, None]
     reward, goes = mdp.reward[row], cluster[mdp.next_state[row]]
     # The rows of terminal states are never used, so their content is arbitrary.
     ends = np.repeat(mdp.terminal, n_actions)
