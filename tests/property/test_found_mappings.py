@@ -14,7 +14,7 @@ import curricle as cr
 from benchmarks.unrelated_pairs import SEARCHED
 from curricle import FiniteMDP, project
 from curricle.planning import solve
-from curricle.transfer import TaskPair, by_homomorphism, compose, find_mappings, identity
+from curricle.transfer import TaskPair, by_homomorphism, find_mappings, identity
 from curricle.transfer.bisimulation import (
     equivalent_pairs,
     joint_models,
@@ -193,8 +193,6 @@ OPERATIONS = {
     "a copy": copy,
     "a deep copy": deepcopy,
     "pickled": lambda mapping: pickle.loads(pickle.dumps(mapping)),
-    "before another": lambda mapping: compose(mapping, identity(mapping.source)),
-    "after another": lambda mapping: compose(identity(mapping.target), mapping),
     "in a transfer": lambda mapping: (
         cr.Curriculum(
             {"a": mapping.source, "b": mapping.target},

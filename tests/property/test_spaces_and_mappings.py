@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from curricle import Component, FiniteMDP, Space
-from curricle.transfer import ENDED, UNMAPPED, StateActionMapping, TableValues, compose, identity
+from curricle.transfer import ENDED, UNMAPPED, StateActionMapping, TableValues
 
 VALUES = st.floats(-100, 100)
 
@@ -49,40 +49,18 @@ def ring(n_states, n_actions):
 
 
 @st.composite
-def chains_of_mappings(draw, length):
-    """Tasks t_0 .. t_n and random mappings t_i -> t_(i+1)."""
-    tasks = [ring(draw(st.integers(2, 4)), draw(st.integers(1, 3))) for _ in range(length + 1)]
-    mappings = []
-    for target, source in itertools.pairwise(tasks):
-        alive = (source.states.size - 1) * source.actions.size
-        shape = (target.states.size, target.actions.size)
-        entries = st.integers(ENDED, alive - 1)
-        flat = draw(st.lists(entries, min_size=shape[0] * shape[1], max_size=shape[0] * shape[1]))
-        value = draw(VALUES)
-        mappings.append(StateActionMapping(target, source, np.array(flat).reshape(shape), value))
-    return mappings
+def mappings(draw):
+    """Random mappings between two small tasks."""
+    target, source = (ring(draw(st.integers(2, 4)), draw(st.integers(1, 3))) for _ in range(2))
+    alive = (source.states.size - 1) * source.actions.size
+    shape = (target.states.size, target.actions.size)
+    entries = st.integers(ENDED, alive - 1)
+    flat = draw(st.lists(entries, min_size=shape[0] * shape[1], max_size=shape[0] * shape[1]))
+    return StateActionMapping(target, source, np.array(flat).reshape(shape), draw(VALUES))
 
 
-@given(chains_of_mappings(1))
-def test_identity_is_neutral(chain):
-    (f,) = chain
-    assert (compose(identity(f.target), f).index == f.index).all()
-    assert (compose(f, identity(f.source)).index == f.index).all()
-
-
-@given(chains_of_mappings(2), st.integers(0, 1000))
-def test_reading_through_a_composition_is_reading_twice_where_mapped(chain, seed):
-    f, g = chain
-    q = np.random.default_rng(seed).normal(size=(g.source.states.size, g.source.actions.size))
-    once, twice = compose(f, g), f.read(g.read(q))
-    mapped = once.index >= 0
-    assert (once.read(q)[mapped] == twice[mapped]).all()
-    assert (once.read(q)[once.index == ENDED] == 0).all()
-
-
-@given(chains_of_mappings(1), st.integers(0, 1000), VALUES, VALUES)
-def test_a_batch_of_states_reads_what_the_whole_table_reads(chain, seed, scale, shift):
-    (f,) = chain
+@given(mappings(), st.integers(0, 1000), VALUES, VALUES)
+def test_a_batch_of_states_reads_what_the_whole_table_reads(f, seed, scale, shift):
     rng = np.random.default_rng(seed)
     q = rng.normal(size=(f.source.states.size, f.source.actions.size))
     batch = rng.integers(f.target.states.size, size=7)
@@ -90,9 +68,8 @@ def test_a_batch_of_states_reads_what_the_whole_table_reads(chain, seed, scale, 
     np.testing.assert_array_equal(by_batch, f.read(q, scale, shift)[batch])
 
 
-@given(chains_of_mappings(1))
-def test_coverage_agrees_with_counting_pair_by_pair(chain):
-    (f,) = chain
+@given(mappings())
+def test_coverage_agrees_with_counting_pair_by_pair(f):
     pairs = f.index[:-1].ravel().tolist()
     read = [p for p in pairs if p >= 0]
     available = (f.source.states.size - 1) * f.source.actions.size

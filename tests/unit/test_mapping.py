@@ -28,7 +28,6 @@ from curricle.transfer import (
     ObservationMapping,
     ObservationPotential,
     StateActionMapping,
-    compose,
     identity,
     relative_objects,
 )
@@ -319,9 +318,6 @@ MAPPINGS = [
         lambda: from_function(cr.Pursuit(10, predators=3), ROW, lambda s, a: (s, a)),
         "lists all pairs of the target, at most 1,000,000,000: it has 12,500,000,000",
     ),
-    (lambda: compose(identity(ROW), FIRST), "source to be the second's"),
-    (lambda: compose(identity(ROW), 3), "a mapping to compose must be a PairMapping: got 3"),
-    (lambda: compose(np.sin, identity(ROW)), "compose must be a PairMapping: got <ufunc 'sin'>"),
     (lambda: identity(HUNT, CHASE), "prey, predator_1, predator_2, the source's prey, predator; "),
     (lambda: identity(chain(4), chain()), r"have place\[4\], the source's place\[3\]; "),
     (lambda: identity(chain(low=1), chain()), r"place\[3 from 1\], the source's place\[3\]; "),

@@ -18,7 +18,6 @@ from .mapping import (
     StateActionMapping as StateActionMapping,
     TableValues as TableValues,
     ValueSource as ValueSource,
-    compose as compose,
     from_function as from_function,
 )
 from .pair import Proposal as Proposal, TaskPair as TaskPair

@@ -23,7 +23,6 @@ from curricle.tasks.mdp import (
     duplicated,
     generative_model,
     live_pairs,
-    same_task,
 )
 from curricle.tasks.observation_task import (
     Observations,
@@ -468,38 +467,6 @@ class _Components(dict[str, IntArray]):
             f"a mapping's function must ask for components of the target's {self._points}, "
             f"{', '.join(self)}: got {name!r}"
         )
-
-
-def compose(first: PairMapping, second: PairMapping) -> StateActionMapping:
-    """Return `second` after `first`: from the target of `first` to the source of `second`.
-
-    The source of `first` must be the target of `second`, else MappingError. Pairs that `first` or
-    `second` leaves unmapped are unmapped, with the value of `first`. The result knows the target if
-    either mapping knows its target.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.transfer import identity, same_position
-    >>> maze = GridWorld("S..T")
-    >>> crop = maze.crop(rows=(0, 1), columns=(2, 4))
-    >>> both = compose(same_position(maze, crop), identity(crop))
-    >>> bool((both.index == same_position(maze, crop).index).all())
-    True
-    """
-    for mapping in (first, second):
-        instance("a mapping to compose", mapping, PairMapping, MappingError)
-    if not same_task(first.source, second.target):
-        raise MappingError(
-            "composition needs the first mapping's source to be the second's target: got "
-            f"{first.source} and {second.target}"
-        )
-    through = second.index.ravel()[np.maximum(first.index, 0)]
-    index = np.where(first.index >= 0, through, first.index)
-    # The second mapping's target may be a copy of the first's, so its knowledge counts too.
-    knows_target = first.knows_target or second.knows_target
-    ends, unmapped_value = (first.target, second.source), first.unmapped_value
-    return StateActionMapping(*ends, index, unmapped_value, knows_target=knows_target)
 
 
 def terminal_states(task: Task) -> BoolArray:
