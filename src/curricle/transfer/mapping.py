@@ -266,10 +266,6 @@ class PairMapping(Frozen, TaskMapping):
             return ""
         return f"none of the {self.index.size:,} target pairs reads a source pair"
 
-    def mapped_states(self) -> BoolArray:
-        """Return which target states have at least one mapped pair, (S,) bool."""
-        return np.asarray((self.index >= 0).any(axis=1))
-
 
 @dataclass(frozen=True, eq=False)
 class StateActionMapping(PairMapping):
