@@ -212,7 +212,7 @@ class Node:
     def decisions(self, result: LearningResult) -> Decisions:
         """Return the stopping rule's decisions at each seed's checkpoints, as recorded."""
         if not isinstance(self.budget, StoppingRule) or self.distilled:
-            return Decisions([[] for _ in result.seeds], result.seeds)
+            return Decisions([] for _ in result.seeds)
         names = ("level", "floor", "steps_used", "evaluation_steps", "ended_by")
         recorded = [getattr(result, name).tolist() for name in names]
         of_seeds, judge = list[list[Decision]](), self.budget.decisions
@@ -222,7 +222,7 @@ class Node:
             measured = {"agreement": agreement, "level": level, "floor": floor, "used": used}
             *earlier, last = judge(result.steps, greedy, **measured)
             of_seeds.append([*earlier, replace(last, evaluation_steps=spent, ended_by=ending)])
-        return Decisions(of_seeds, result.seeds)
+        return Decisions(of_seeds)
 
 
 def capped(budget: Budget, learner: object) -> Budget:

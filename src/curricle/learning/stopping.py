@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -389,19 +388,10 @@ def stopping_kernel(
 class Decisions(list[list[Decision]]):
     """The decisions of a stopping rule at each checkpoint of each seed: a list of K lists."""
 
-    def __init__(self, of_seeds: Iterable[list[Decision]], seeds: Sequence[int]):
-        super().__init__(of_seeds)
-        self.seeds = tuple(seeds)
-
-    @property
-    def in_words(self) -> str:
-        """The criteria that ended training, with numbers of seeds; empty without a rule."""
-        ends = Counter(decisions[-1].criterion or "none yet" for decisions in self if decisions)
-        return ", ".join(f"{criterion} ({number})" for criterion, number in ends.most_common())
-
     def __repr__(self) -> str:
-        ends = self.in_words or "no stopping rule"
-        return f"Decisions({counted(len(self), 'seed')}: {ends})"
+        ends = Counter(decisions[-1].criterion or "none yet" for decisions in self if decisions)
+        criteria = ", ".join(f"{criterion} ({number})" for criterion, number in ends.most_common())
+        return f"Decisions({counted(len(self), 'seed')}: {criteria or 'no stopping rule'})"
 
 
 # -- budgets ---------------------------------------------------------------------------------------
