@@ -117,8 +117,9 @@ class ComponentMapping(PairMapping):
         for space, other in ((target.states, source.states), (target.actions, source.actions)):
             for component in other.components:
                 origin = _origin(space, component, self.renaming)
-                apart = _disjoint(origin, component, self.unequal)
-                if apart and component.name not in self.aligned:
+                values = _values_of(origin, component, self.unequal, self.aligned)
+                inside = (values >= component.low) & (values <= component.high)
+                if not inside.any() and component.name not in self.aligned:
                     target_values = f"{origin.name} of the target runs from {origin.ends}"
                     source_values = f"{component.name} of the source from {component.ends}"
                     return f"no value is in both tasks: {target_values}, and {source_values}"
@@ -245,14 +246,6 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
             f"for {component.name!r}; give the environment numbers or words that tell states apart"
         )
     return origin
-
-
-def _disjoint(origin: Component, component: Component, unequal: Unequal) -> bool:
-    """Return whether no value of a target component has a source value."""
-    if component.labels is not None and origin.labels is not None:
-        return not {*origin.labels} & {*component.labels}
-    apart = origin.high < component.low or component.high < origin.low
-    return unequal == "unmapped" and apart
 
 
 def _values_of(
