@@ -209,8 +209,8 @@ class GridDomain(Domain):
         """In which states an episode may start, (S,) bool."""
         return ~self._ends
 
-    def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
-        """Return the states in which episodes start in cells, `MISSING` where there is none."""
+    def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> IntArray:
+        """Return the states of episodes that start in these cells, `MISSING` where none can."""
         return self.grid.space.encode(row=row, column=column)
 
     def _starting(self) -> IntArray:
@@ -225,7 +225,7 @@ class GridDomain(Domain):
         cells = self.cells[self.grid.holds("S")] if self.start == "map" else np.array(self.start)
         if not len(cells):
             raise TaskError("start='map' needs an S on the map: there is none")
-        states = self._states_of(*cells.T)
+        states = self.states_at(*cells.T)
         bad = np.flatnonzero((states == MISSING) | ~standing[states])
         if bad.size:
             raise TaskError(

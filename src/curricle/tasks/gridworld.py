@@ -8,9 +8,7 @@ from itertools import count, groupby
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
-from curricle.arrays import IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.domain import Discount, MapDomain, MapStart, TimeLimit
@@ -152,10 +150,6 @@ class GridWorld(MapDomain):
         if number == MISSING:
             raise TaskError(f"a state needs a free cell of the map: got ({row}, {column})")
         return number
-
-    def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> IntArray:
-        """Return the states of these cells, `MISSING` off the map and for walls."""
-        return self.grid.space.encode(row=row, column=column)
 
     @cached_property
     def mdp(self) -> FiniteMDP:

@@ -6,6 +6,7 @@ from itertools import product
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.arrays import BoolArray, IntArray
 from curricle.checks import number, whole_number
@@ -344,7 +345,8 @@ class KeyLockPit(MapDomain):
         held = self.states.points[:, 2 : 2 + len(self._keys)].all(axis=1)
         return ~self._ends & held if self.keys_held else ~self._ends
 
-    def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
+    def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> IntArray:
+        """Return the states of episodes that start in these cells, `MISSING` where none can."""
         names, keys = self.states.names[2:], len(self._keys)
         status = dict.fromkeys(names[:keys], int(self.keys_held)) | dict.fromkeys(names[keys:], 0)
         return self.states.encode(row=row, column=column, **status)
