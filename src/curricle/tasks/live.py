@@ -122,12 +122,6 @@ RETURNED = {
 BROKEN_DOWN: Answer = (-1, 0.0, True, False)
 
 
-class Unopened(NamedTuple):
-    """Stands for the model of a live task until its environments are open."""
-
-    task: "LiveMDP"
-
-
 @dataclass(frozen=True)
 class LiveMDP:
     """A task without tables or rules: every step is taken in an environment.
@@ -196,9 +190,9 @@ class LiveMDP:
         """Unknown: only the environment decides which steps end an episode."""
 
     @property
-    def model(self) -> Unopened:
-        """A placeholder: the generative model exists while environments are open."""
-        return Unopened(self)
+    def model(self) -> tuple[()]:
+        """Nothing: the generative model exists while environments are open."""
+        return ()
 
     def open(self, start: int, tables: FloatTable | None) -> AbstractContextManager[Live]:
         """Return a context with the model of a run whose random stream starts at `start`."""
