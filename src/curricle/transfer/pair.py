@@ -114,7 +114,7 @@ class TaskPair:
         copied = duplicated(pairs, self.source_mdp.available).ravel()
         index = np.where(index < 0, index, copied[np.maximum(index, 0)])
         mapping = StateActionMapping(self.target, self.source, index, how=how, knows_target=True)
-        return Proposal(mapping, how, self.bound(index))
+        return Proposal(mapping, how)
 
 
 def apart(index: IntArray, of_target: Solution, of_source: Solution) -> FloatArray:
@@ -140,4 +140,3 @@ class Proposal(NamedTuple):
 
     mapping: PairMapping
     how: str  # how it was found
-    bound: float = NOT_PROVEN  # as in :class:`FoundMapping`
