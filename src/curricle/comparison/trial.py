@@ -29,7 +29,7 @@ from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted
-from curricle.transfer.aggregate import COMPARED, Aggregate
+from curricle.transfer.aggregate import BUILT_IN, Aggregate
 from curricle.transfer.transfer import Transfer, numbered, transfer_names
 
 # -- The rows of a forecast: an aggregate of all transfers into a target, or a transfer alone ------
@@ -59,7 +59,7 @@ def rows_of(
         return [ForecastRow("potential", part_of(curriculum, target, ()), False, True)]
     usual = curriculum.setting("aggregate", target)
     # All aggregates of a single potential are that potential.
-    several = COMPARED if len(edges) > 1 else ()
+    several = [entry.function for entry in BUILT_IN.values() if len(edges) > 1]
     functions = list[Aggregate]()
     for function in (*several, usual, *aggregates):
         if not any(function is other for other in functions):

@@ -2,7 +2,7 @@
 
 A source whose mapping leaves a pair unmapped has NaN there, which aggregates skip. Where all
 sources have NaN, phi is `unknown_value`. A new aggregate is a function here and a line of
-``BUILT_IN``, which names it in study files. Forecasts compare the aggregates in ``COMPARED``.
+``BUILT_IN``, which names it in study files; each adds an arm to the trials of forecasts.
 """
 
 import math
@@ -78,8 +78,8 @@ class BuiltIn(NamedTuple):
     """An aggregate of the library; the aggregate of a single potential must be that potential."""
 
     function: Aggregate
-    code: int | None = None  # its number in compiled loops; None if they lack it
-    of_numbers: Callable[[Sequence[float]], float] | None = None  # of N finite numbers, quicker
+    code: int  # its number in compiled loops
+    of_numbers: Callable[[Sequence[float]], float]  # of N finite numbers, quicker
 
 
 BUILT_IN = {
@@ -88,9 +88,7 @@ BUILT_IN = {
     "maximum": BuiltIn(maximum, MAXIMUM, max),
     "total": BuiltIn(total, TOTAL, sum),
 }
-"""The library's aggregates by name."""
-COMPARED = (minimum, mean, maximum, total)
-"""The aggregates that a forecast compares, in this order; each adds an arm to its trial."""
+"""The library's aggregates by name; a forecast compares all, in this order."""
 
 
 def built_in(function: Aggregate) -> BuiltIn | None:
@@ -140,7 +138,7 @@ def aggregate(
 def aggregate_numbers(function: Aggregate, potentials: Sequence[float]) -> float:
     """Return the aggregate of N finite numbers, as :func:`aggregate` does for one pair."""
     entry = built_in(function)
-    if entry is not None and entry.of_numbers is not None:
+    if entry is not None:
         result = entry.of_numbers(potentials)
         if math.isfinite(result):
             return result

@@ -56,7 +56,7 @@ def combined_potential(
         if mapped is not None:
             return mapped
     pairs = generative_model(task).states.size * generative_model(task).actions.size
-    if pairs > LARGEST_INDEX and ((entry := built_in(function)) is None or entry.code is None):
+    if pairs > LARGEST_INDEX and built_in(function) is None:
         raise CurriculumError(
             f"an aggregate must be one of {', '.join(BUILT_IN)} for a target of more than "
             f"{LARGEST_INDEX:,} pairs, as any other function takes arrays of them: got "
@@ -79,7 +79,7 @@ def mapped_potential(
     """Return the aggregated potential of mappings by name as a lookup; None if there is none."""
     # A lookup needs spaces that are whole boxes, and an aggregate of compiled loops.
     entry, several, sources = built_in(function), len(transfers) > 1, list[SourceTable]()
-    if entry is None or entry.code is None or len(transfers) > MOST_SOURCES:
+    if entry is None or len(transfers) > MOST_SOURCES:
         return None
     for edge, values in zip(transfers, source_values, strict=True):
         mapping: ComponentMapping = edge.mapping
