@@ -210,7 +210,7 @@ def source_candidates(
         Kinds of candidates, by default all, which take turns in this order:
 
         - ``"member"``: easier members of the target's family;
-        - ``"crop"``: the part around the goal, of a task with `crop`;
+        - ``"crop"``: the part around the goal, of a task with `crop` and `layout`;
         - ``"removed"``: the target without hazards, a predator, or penalties;
         - ``"deterministic"``: the target without chance;
         - ``"starts"``: the target with starts near the goal;

@@ -42,8 +42,8 @@ from curricle.transfer.mapping import PairMapping, pair_mapping
 
 MOST_LISTED = 10_000  # easier members to list; few of them are built
 MOST_GOALS = 4  # goal cells around which parts are cut
-COMPONENTS = {"rows": "row", "columns": "column", "positions": "position"}
-"""Axis of `crop` -> the component of a state that it cuts."""
+AXES = {"rows": 0, "columns": 1, "positions": 1}
+"""Parameter of `crop` -> the axis of the layout that it cuts."""
 SWITCHES: dict[type, tuple[str, Any]] = {
     FrozenLake: ("slippery", False),
     CliffWalking: ("slippery", False),
@@ -184,26 +184,15 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
                 yield Draft("crop", name, about, build, side / longest)
 
 
-def _axes(task: object, goal: IntArray) -> dict[str, tuple[Range, list[int]]]:
+def _axes(task: Any, goal: IntArray) -> dict[str, tuple[Range, list[int]]]:
     """Return the half-open range of each axis that `crop` cuts, and where the goal lies on it."""
-    # Return None for a task without such a `crop`.
-    if not (hasattr(task, "crop") and hasattr(task, "states")):
+    layout: Any = getattr(task, "layout", None)
+    if layout is None or not hasattr(task, "crop"):
         return {}
-    axes, layout = dict[str, tuple[Range, list[int]]](), getattr(task, "layout", None)
-    for axis in signature(task.crop).parameters:
-        name = COMPONENTS.get(axis)
-        if name in task.states.names:
-            component = task.states.component(name)
-            extent = component.low, component.high + 1
-            axes[axis] = extent, task.states.decode(goal)[name].tolist()
-        elif name in ("row", "column"):  # states name objects instead of cells
-            if layout is None:
-                return {}
-            n = ("row", "column").index(name)
-            extent = layout.origin[n], layout.origin[n] + layout.shape[n]
-            axes[axis] = extent, layout.cells[goal, n].tolist()
-        elif name is not None:
-            return {}
+    axes = dict[str, tuple[Range, list[int]]]()
+    for name in (name for name in AXES if name in signature(task.crop).parameters):
+        first, size = layout.origin[AXES[name]], layout.shape[AXES[name]]
+        axes[name] = (first, first + size), layout.cells[goal, AXES[name]].tolist()
     return axes
 
 
