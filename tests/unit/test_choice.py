@@ -305,6 +305,12 @@ def test_sources_keep_the_values_that_their_target_does_not(hunt, choice, file):
     assert {plan.setting("storage", name) for plan, name in sources} == {cr.Storage()}
 
 
+def test_an_arm_with_a_potential_by_hand_is_chosen_from(file):
+    file.with_name("own.py").write_text("def phi(task):\n    return [0.0] * len(task.states)\n")
+    file.write_text(f'{HUNT}\n[arms.hand]\npotential = "own:phi"\n')
+    assert "hand" in choice_trials(cr.read_study(file)).arms
+
+
 @pytest.mark.parametrize("left", [0, 10])
 def test_a_choice_resumes(small, tmp_path, left):
     folder, pool = tmp_path / "out", Inline()

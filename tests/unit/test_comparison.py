@@ -455,7 +455,11 @@ def pair(*rivals, **settings):
             "arms must have other names than controls and opponents: 'A, placebo' names two",
         ),
         ({"scratch, OptimisticQLearning": corner()}, {}, "'scratch, OptimisticQLearning' names"),
-        (corner(target=cr.Episodes(9)), {}, "needs the target's in steps: 'maze' has 9 episodes"),
+        (
+            corner(target=cr.Episodes(9)),
+            {},
+            "total .* 'maze' is 9 episodes; give it in steps",
+        ),
         (cr.Curriculum({"a": MAZE, "b": MAZE}), {}, "one task that no other builds on: got a, b"),
         (copied(replace(MAZE, time_limit=None), budget=THREE), {}, "with a time limit: none set"),
         (

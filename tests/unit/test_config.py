@@ -10,6 +10,7 @@ import pytest
 import curricle as cr
 from curricle import GridWorld
 from curricle.curriculum.curriculum import SETTINGS
+from curricle.errors import ConfigError
 from curricle.learning import Learner, OptimisticQLearning, RMax, harmonic, linear
 from curricle.learning.shaping import Shaping
 from curricle.study import StudyConfig, read_study
@@ -407,3 +408,12 @@ def test_what_a_template_shows_as_defaults_are_the_defaults(read, kind):
     shown = re.sub(r"(?m)^# (?!threshold|encode|aggregate)([\w.]+ = )", r"\1", template(kind))
     assert shown != template(kind)
     assert read(shown) == read(template(kind))
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["scratch = false", "tune.space = { 'learner.learning_rate' = [0.1, 0.5] }", "choose = true"],
+)
+def test_compare_refuses_a_study_of_which_it_would_leave_something_out(read, line):
+    with pytest.raises(ConfigError, match=r"compare does not play .*run_study\(study, FOLDER\)"):
+        cr.compare(read(f"{line}\n{MAZE}"))

@@ -286,6 +286,13 @@ def test_seeds_pair_by_number_or_in_order():
         compare_files([written(lacking)], {})
 
 
+@pytest.mark.parametrize("how", [{"charge": {"scratch": "100"}}, {"curricula": ["scratch"]}])
+def test_scratch_is_no_curriculum(how):
+    runs = long_table().replace({"arm": {"pretrained": "scratch"}})
+    with pytest.raises(SettingError, match="an arm called 'scratch' is the learner without"):
+        compare_files([written(runs)], **{"charge": {}} | how)
+
+
 def test_a_single_seed_has_no_verdict():
     comparison = compare_files([written(long_table(seeds=1))], {})
     assert comparison.verdicts["other"].against_scratch.startswith("too few seeds for a verdict (1")

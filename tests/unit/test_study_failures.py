@@ -233,3 +233,30 @@ def test_an_environment_that_fails_is_told_with_its_place(tmp_path, curricle):
     assert code == 1
     assert re.fullmatch(f"curricle: {place}", complaint.splitlines()[-1])
     assert "Traceback" not in complaint
+
+
+LINE = ENVIRONMENT.replace('return {}["pos"]', "return action, 1.0, bool(action), False, {}")
+
+
+def test_what_fails_after_a_change_is_told_though_no_unit_fits_any_more(tmp_path, curricle):
+    (tmp_path / "own.py").write_text(LINE)
+    (tmp_path / "own.toml").write_text(
+        "name = 'own'\nseeds = 2\ncompared = false\n[tasks.own]\ntype = 'gymnasium'\n"
+        "factory = 'own:Fails'\ndiscount = 0.9\nbudget = 100\neval_freq = 50\ntime_limit = 9\n"
+    )
+    code, _, complaint = curricle("run", tmp_path / "own.toml", "--out", tmp_path / "out")
+    assert code == 0, complaint
+    (tmp_path / "own.py").write_text(ENVIRONMENT)
+    sys.modules.pop("own", None)
+    again = "run", tmp_path / "own.toml", "--out", tmp_path / "out", "--resume"
+    code, _, complaint = curricle(*again)
+    assert code == 3
+    assert "KeyError: 'pos' (raised in step of own.py, line 13" in complaint
+
+
+def test_before_any_unit_is_stored_no_steps_are_known(study, tmp_path):
+    (tmp_path / "rules.py").write_text("def mean(values):\n    raise SystemExit(0)\n")
+    with pytest.raises(StudyError):
+        run_study(study, tmp_path / "out", workers=1)
+    with pytest.raises(StoreError, match="holds no result of 'maze' in arm 'state' yet"):
+        StudyResults(tmp_path / "out").source_steps("state")

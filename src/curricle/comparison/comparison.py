@@ -9,7 +9,7 @@ from itertools import chain
 from typing import Any
 
 from curricle.checks import fit_name, instance, number, one_of, whole_number
-from curricle.comparison.controls import CONTROLS, Control, check_fit
+from curricle.comparison.controls import CONTROLS, Control
 from curricle.comparison.cost import live_words
 from curricle.comparison.measures import Arm, MeasuredArms, Reference
 from curricle.comparison.opponents import (
@@ -26,14 +26,12 @@ from curricle.comparison.plan import (
     Plan,
     PlannedArm,
     Trained,
-    check_comparable,
-    check_evaluated,
 )
 from curricle.comparison.sentences import HEADS, lines_below, printed_rows, table_rows, title
 from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import CurriculumError, SettingError, in_words
 from curricle.learning.seeds import seed_tuple
-from curricle.learning.stopping import UNLEARNT, Episodes, StoppingRule
+from curricle.learning.stopping import UNLEARNT
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.text import UNBOUNDED, counted, folded, printed, shortened, text_table
@@ -200,17 +198,7 @@ def comparison_plan(
     for control in controls:
         one_of("a control", control, CONTROLS, SettingError)
     opponents = check_opponents(opponents)
-    check_comparable(arms)
     first = next(iter(arms.values()))
-    target, node = first.target, first.node(first.target)
-    if isinstance(node.budget, Episodes | StoppingRule):
-        raise SettingError(
-            "a comparison at one total budget needs the target's in steps: "
-            f"{target!r} has {node.budget}"
-        )
-    check_evaluated(first)
-    for name, arm in arms.items():
-        check_fit(controls, name, arm)
     scratches = {SCRATCH: from_scratch(first), **scratch_curricula(scratch, first)}
     return Plan.made(arms, scratches, memory.keys_of, controls=controls, opponents=opponents)
 

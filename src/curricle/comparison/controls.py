@@ -78,7 +78,7 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
     for control in controls:
         if control == "placebo" and all_miniatures:
             continue
-        if control in ("random_start", "placebo", UNRELATED):
+        if control in ("random_start", "placebo", "constant", UNRELATED):
             raise CurriculumError(
                 f"a control {control!r} needs numbered states: {name!r}, the target of arm "
                 f"{arm!r}, is seen through observations"

@@ -485,7 +485,7 @@ def forecast(
         if is_observation_task(task) or is_live(task):
             start = _start(curriculum, name, sources, any_target, reads_values=reads_values)
         if tried:
-            reference = Reference.of(any_target, threshold)
+            reference = Reference.before(curriculum.node(name), threshold, any_target)
             try:
                 played = run_trial(
                     tried, opponents=opponents, scratch=scratch, seeds=trial_seeds,

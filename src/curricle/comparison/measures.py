@@ -108,12 +108,12 @@ class Reference:
         return replace(reference, threshold=threshold, threshold_from=OF_OPTIMUM)
 
     @classmethod
-    def before(cls, node: Node, stated: float | None) -> Self:
-        """Return :meth:`of` a task, which is not solved where the threshold is stated."""
+    def before(cls, node: Node, stated: float | None, target: Any = None) -> Self:
+        """Return :meth:`of` a task, not solved for it where the threshold is stated."""
         possible = possible_returns(node.task, node.evaluation.discount(node.task))
         reference = cls(stated, STATED)
-        if stated is None:
-            reference = cls.of(target_of(node.task, node.evaluation))
+        if stated is None or target is not None:
+            reference = cls.of(target or target_of(node.task, node.evaluation), stated)
         reference = replace(reference, possible=possible)
         sampled = node.deep or isinstance(node.evaluation.kernel(node.task), RolloutEvaluation)
         if reference.random_return is not None and not sampled:

@@ -207,6 +207,11 @@ def compare_files(
             f"or named as one (--curriculum ARM): {listed(arms)} are all "
             f"{'curricula' if judged else 'opponents'}"
         )
+    if SCRATCH in judged:
+        raise SettingError(
+            f"an arm called {SCRATCH!r} is the learner without a source, and no curriculum: give "
+            "the judged arm another name"
+        )
     pairing, runs = _pairing(arms), [*chain.from_iterable(arms.values())]
     at, shared = _checkpoints(runs)
     made = dict[str, Arm]()

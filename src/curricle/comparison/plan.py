@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from curricle.arrays import FloatArray, IntArray
-from curricle.comparison.controls import Control, control_arms, train_control
+from curricle.comparison.controls import Control, check_fit, control_arms, train_control
 from curricle.comparison.opponents import (
     CONSTANTS,
     Opponent,
@@ -122,9 +122,20 @@ class Plan:
         controls: Sequence[Control] = (),
         opponents: Sequence[Opponent] = (),
         compared: bool = True,
+        own_learners: bool = False,
     ) -> Self:
-        """Return the plan of curricula and learners from scratch, at one total if `compared`."""
+        """Return the plan of curricula and learners from scratch, at one total if `compared`.
+
+        Arms that are compared learn their target with a learner from scratch's, or `own_learners`.
+        """
         first = next(iter(curricula.values()))
+        for name, curriculum in curricula.items():
+            check_fit(controls, name, curriculum)
+        if compared:
+            learners = [arm.setting("learner", arm.target) for arm in scratches.values()]
+            check_comparable(curricula, None if own_learners else learners)
+            if scratches:
+                check_evaluated(first)
         target, node = first.target, first.node(first.target)
         budget, total = None, None
         if compared and isinstance(node.budget, int):
@@ -134,8 +145,8 @@ class Plan:
         elif compared and len(curricula) + bool(scratches) > 1:
             raise SettingError(
                 f"arms must have one total of steps to be compared: the budget of {target!r} is "
-                f"{node.budget}; give it in steps, or let each arm have its own budget with "
-                "compared = false"
+                f"{node.budget}; give it in steps (compared = false in a study's file lets each "
+                "arm have its own budget)"
             )
         if "constant" in controls:
             opponents = ("constant", *opponents)
@@ -277,7 +288,7 @@ def most_source_steps(curriculum: Curriculum) -> int:
     return sum(curriculum.node(name).most_steps for name in curriculum.ancestors(curriculum.target))
 
 
-def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] | None = ()) -> None:
+def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] | None) -> None:
     """Raise CurriculumError unless all arms have one target with the same settings."""
     # Arms may learn the target with different `learners`, each of which learns it from scratch too;
     # with any learners if `learners` is None.

@@ -9,15 +9,13 @@ from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from curricle.comparison.controls import check_fit, is_shuffled
+from curricle.comparison.controls import is_shuffled
 from curricle.comparison.opponents import CONSTANTS
 from curricle.comparison.plan import (
     Dependencies,
     Plan,
     Trained,
     Unit as Unit,
-    check_comparable,
-    check_evaluated,
     train,
 )
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
@@ -143,15 +141,6 @@ class Arms(Plan):
             raise SettingError(
                 f"controls need the comparison with scratch: leave out {setting} = false"
             )
-        for name, curriculum in study.curricula.items():
-            check_fit(controls, name, curriculum)
-        learners = [
-            curriculum.setting("learner", curriculum.target) for curriculum in scratches.values()
-        ]
-        if study.compared:
-            check_comparable(study.curricula, None if study.own_learners else learners)
-            if scratches:
-                check_evaluated(next(iter(scratches.values())))
         plain = study.data
         target = next(iter(study.curricula.values())).target
         data = {**scratch_data(plain, target), **plain["arms"]}
@@ -176,6 +165,7 @@ class Arms(Plan):
             return keys, dependencies
 
         how: Any = {"controls": controls, "opponents": study.played, "compared": study.compared}
+        how["own_learners"] = study.own_learners
         return cls.made(study.curricula, scratches, keys_of, **how)
 
 

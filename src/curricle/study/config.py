@@ -116,7 +116,7 @@ class RunTable(Table):
     """Whether learning the target from scratch is an arm too."""
     compared: Flag = True
     """Whether all arms spend one total of steps, sources included; else each has its own budget."""
-    scratch_learners: dict[Name, AnyLearner] = Field({})
+    scratch_learners: dict[str, AnyLearner] = Field({})
     """Further learners from scratch by name, each what it changes in the target's."""
     opponents: tuple[Opponent, ...] | None = None
     """The learners from scratch that play beside the target's own; all of them by default."""
@@ -188,7 +188,7 @@ class FileTable(RunTable, Settings):
     """The tasks by name, each with settings of its own."""
     transfers: Transfers = ()
     """The transfers between tasks."""
-    scratch_learners: dict[Name, Annotated[AnyLearner, Unvalidated]] = Field({})
+    scratch_learners: dict[str, Annotated[AnyLearner, Unvalidated]] = Field({})
     """Further learners from scratch by name, each what it changes in the target's."""
     arms: dict[str, Annotated[ArmPatch, Unvalidated]] = Field({})
     """What is compared: by name, what each changes; one arm by default."""
@@ -804,6 +804,17 @@ def rivals(study: StudyConfig) -> dict[str, Any]:
 
 
 def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
+    alone = {
+        "[tune]": study.tune,
+        "choose = true": study.choose,
+        "scratch = false": not study.scratch,
+    }
+    alone["a sweep of learners"] = len(study.scratches or ()) > 1
+    if unplayed := next((what for what, stated in alone.items() if stated), ""):
+        raise ConfigError(
+            f"compare does not play {unplayed} of {study.name!r}: run_study(study, FOLDER) does, "
+            "and its results have the comparison"
+        )
     settings = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
     return study.curricula, {**settings, **rivals(study), "controls": study.controls or ()}
 

@@ -372,6 +372,8 @@ class StudyResults:
     def _of_seeds(self, arm: str, task: str, name: str) -> npt.NDArray[Any] | None:
         """Return an array of a task besides its results, (K,), seeds ascending; None without it."""
         runs = [self._content(arm, task, unit).arrays for unit in self._units(arm, task)]
+        if not runs:
+            raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
         if not all(name in run for run in runs):
             return None
         seeds, numbers = (np.concatenate([run[key] for run in runs]) for key in ("seeds", name))
@@ -401,9 +403,10 @@ class StudyResults:
                 yield part.add_column(0, "arm", pa.array([arm] * len(part)))
 
     def write_tables(self) -> None:
-        """Write ``results.parquet`` and ``decisions.parquet`` of all units."""
-        for file, name in ((RESULTS, CURVES), (DECISIONS, DECISIONS)) if self.stored else ():
-            self.store.write(file, parquet_of(self._parts(name)))
+        """Write ``results.parquet`` and ``decisions.parquet`` of all units, if there are any."""
+        for file, name in (RESULTS, CURVES), (DECISIONS, DECISIONS):
+            if any(key in self.stored for key in self.record.keys.values()):
+                self.store.write(file, parquet_of(self._parts(name)))
 
     def decisions(self, arm: str, task: str, column: str = "reason") -> dict[int, list[str]]:
         """Return seed -> the reasons for the decisions in a task, as sentences."""
