@@ -47,9 +47,6 @@ class Checked:
             future.set_result(self.held[future])
         return set(ended), set(futures) - set(ended)
 
-    def lost(self):
-        raise AssertionError("nothing cancels units but the scheduler")
-
 
 @st.composite
 def studies(draw):
@@ -80,10 +77,10 @@ def studies(draw):
 def test_every_unit_is_sent_once_and_after_its_sources(data, study):
     keys, units, done = study
     workers = Checked(data, units, done, data.draw(st.integers(1, 6), "at once"))
-    places = {"at_once": lambda: workers.most, "lost": workers.lost}
+    at_once = {"at_once": lambda: workers.most}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan, "wait", workers.wait)
-        running = trained_units(units, workers.train, workers.keep, Failures(keys), **places)
+        running = trained_units(units, workers.train, workers.keep, Failures(keys), **at_once)
         stored = [unit for unit, _ in running]
     assert len(workers.sent) == len(stored) == len(set(stored))
     assert set(stored) == set(workers.sent) == set(units)

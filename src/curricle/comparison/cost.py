@@ -46,7 +46,6 @@ class Cost:
     task: str
     seeds: int  # number of seeds that no earlier arm trains with equal results
     steps: int  # most steps of learning, a seed
-    evaluation_steps: int  # most steps of greedy evaluation, a seed; 0 if it is exact
     seconds: float  # about the time on one processor, without compilation
     step_seconds: float  # about the time of a step without learning
 
@@ -62,9 +61,8 @@ def costs(plan: Plan, units: Iterable[Unit]) -> list[Cost]:
         if id(node.task) not in paces:
             paces[id(node.task)] = random_pace(node.task)
         pace = pace_of(node, paces[id(node.task)])
-        steps, evaluation = node.most_steps, node.most_evaluation_steps
-        seconds = seeds * node_seconds(node, pace, steps)
-        rows.append(Cost(arm, name, seeds, steps, evaluation, seconds, pace.acting))
+        seconds = seeds * node_seconds(node, pace, node.most_steps)
+        rows.append(Cost(arm, name, seeds, node.most_steps, seconds, pace.acting))
     return rows
 
 

@@ -37,7 +37,7 @@ from curricle.curriculum.curriculum import (
     TrainingOptions,
 )
 from curricle.curriculum.result import SourceValues
-from curricle.errors import CurriculumError, LostStoreError, SettingError
+from curricle.errors import CurriculumError, EngineError, LostStoreError, SettingError
 from curricle.learning.result import LearningResult
 from curricle.progress import Bars, Progress
 from curricle.statistics.curves import SCRATCH
@@ -145,8 +145,8 @@ class Plan:
         elif compared and len(curricula) + bool(scratches) > 1:
             raise SettingError(
                 f"arms must have one total of steps to be compared: the budget of {target!r} is "
-                f"{node.budget}; give it in steps (compared = false in a study's file lets each "
-                "arm have its own budget)"
+                f"{node.budget}; give it in steps, or let each arm of a study have its own budget "
+                "with compared = false"
             )
         if "constant" in controls:
             opponents = ("constant", *opponents)
@@ -400,6 +400,7 @@ def arms_of(keys: Mapping[tuple[str, str], str], some: Collection[str]) -> set[s
 
 # -- Running units, each after its sources ---------------------------------------------------------
 
+LOST = "its executor was lost or cancelled it: go on with --resume"  # not cancelled by this process
 ASKED_AGAIN = 2.0
 """Seconds between requests for the number of workers: it may grow, but a cluster's answer takes
 about as long as a small unit."""
@@ -430,11 +431,6 @@ class Queue:
             heappush(self.ready, number)
 
 
-def cancelled() -> Exception:
-    """Return the error of a unit that was cancelled, but not by this process."""
-    return BrokenExecutor("the executor cancelled it")
-
-
 def trained_units(
     units: Iterable[Unit],
     send: Callable[[Unit], "Future[Any]"],
@@ -442,7 +438,6 @@ def trained_units(
     failures: Failures,
     *,
     at_once: Callable[[], int] = lambda: 1,
-    lost: Callable[[], Exception] = cancelled,
 ) -> Iterator[tuple[Unit, Any]]:
     """Yield each unit with its result when that is kept.
 
@@ -463,7 +458,7 @@ def trained_units(
                 if future not in running:  # the failure of another unit has cancelled it
                     continue
                 unit = running.pop(future)
-                error = lost() if future.cancelled() else future.exception()
+                error = EngineError(LOST) if future.cancelled() else future.exception()
                 result = None if error else future.result()
                 error = result if isinstance(result, Exception) else error
                 if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):

@@ -35,7 +35,7 @@ from curricle.learning.stopping import (
     spacing,
 )
 from curricle.learning.storage import Storage
-from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
+from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.live import masks_actions
 from curricle.tasks.mdp import NO_LIMIT, Task, generative_model, has_tables, same_task
@@ -149,16 +149,6 @@ class Node:
         limit = self.task.longest if self.deep else generative_model(self.task).time_limit
         envs = self.learner.envs if self.deep else 1
         return longest_run(limit, self.budget, self.eval_freq, envs)
-
-    @property
-    def most_evaluation_steps(self) -> int:
-        """The most steps that a seed's greedy evaluations take; 0 if they are exact or off."""
-        if self.evaluation.method == "off" or self.distilled:
-            return 0
-        if not (self.deep or isinstance(self.evaluation.kernel(self.task), RolloutEvaluation)):
-            return 0
-        episodes = (self.most_steps // self.eval_freq + 1) * self.evaluation.rollouts(self.task)
-        return episodes * self.evaluation.horizon(self.task)
 
     @property
     def sizes(self) -> tuple[str, str]:

@@ -1,7 +1,6 @@
 """An executor that trains the units of a study, on this machine or others, and what it is sent."""
 
 import atexit
-import pickle
 import platform
 import shutil
 import traceback
@@ -21,10 +20,10 @@ from tempfile import mkdtemp
 from threading import Lock
 from typing import Any
 
-from curricle.errors import CurricleError, EngineError, ForeignError, in_words, note_place
+from curricle.errors import CurricleError, EngineError, ForeignError, in_words
 from curricle.study.arms import Arms, UnitInput, train_unit
 from curricle.study.store import UnitContent
-from curricle.study_file.own_code import PACKAGES, own_files
+from curricle.study_file.own_code import own_files
 
 # -- The workers of a run --------------------------------------------------------------------------
 
@@ -79,10 +78,6 @@ class Workers:
             return self._number
         return self._number
 
-    def lost(self) -> Exception:
-        """Return the error of a unit that was cancelled, but not by this process."""
-        return EngineError("its executor was lost or cancelled it: go on with --resume")
-
 
 # -- On the worker's machine: train a unit with the user's modules ---------------------------------
 
@@ -110,25 +105,12 @@ def train_sent(sent: UnitInput) -> UnitContent | Exception:
 
 
 def _sendable(error: Exception) -> Exception:
-    """Return an error without causes; if it cannot be sent, an error with the same text."""
-    text, words = "".join(traceback.format_exception(error)), in_words(error)
-    note_place(error)
-    error.__cause__ = error.__context__ = error.__traceback__ = None
-    try:  # can a process without the user's modules read the error unchanged?
-        content = pickle.dumps(error)
-        again = pickle.loads(content)
-        same = type(again) is type(error) and str(again) == str(error)
-        survives = same and PACKAGES.encode() not in content
-    except Exception:  # methods of the error's class may raise anything
-        survives = False
-    if not survives:
-        kind: type[Exception] = ForeignError
-        if isinstance(error, CurricleError):  # a user's subclass of an error of the library
-            module = CurricleError.__module__
-            kind = next(parent for parent in type(error).__mro__ if parent.__module__ == module)
-        error = kind(words)
-    error.add_note(text)
-    return error
+    """Return an error of the library's own classes, which every process can read, in its words."""
+    module = CurricleError.__module__
+    kinds = (kind for kind in type(error).__mro__ if kind.__module__ == module)
+    sent: Exception = next(kinds, ForeignError)(in_words(error))
+    sent.add_note("".join(traceback.format_exception(error)))
+    return sent
 
 
 @cache

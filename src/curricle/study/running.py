@@ -370,8 +370,9 @@ class Training:
         if units or not words:
             self.show(Progress(units, None, now(), words))
         # for one worker at least: some clusters start workers only when there are calls
-        places: Any = {"at_once": lambda: AHEAD * max(1, now()), "lost": workers.lost}
-        for unit, result in trained_units(units, send, keep, failures, **places):
+        for unit, result in trained_units(
+            units, send, keep, failures, at_once=lambda: AHEAD * max(1, now())
+        ):
             if track is not None:
                 node = arms.curricula[unit.arm].node(unit.task)
                 learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
