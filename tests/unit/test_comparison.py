@@ -19,8 +19,8 @@ from curricle.comparison.sentences import (
     meanings,
     nothing_learnt,
     page_table,
+    steps_and_gain,
 )
-from curricle.comparison.trial import Trial
 from curricle.errors import CurriculumError, SettingError
 from curricle.planning import Target, target as target_module
 from curricle.statistics.curves import midpoint
@@ -219,7 +219,7 @@ def test_where_the_random_policy_is_optimal_up_to_rounding_there_is_nothing_to_l
     comparison = replace(comparison, reference=replace(reference, threshold=2.0))
     assert not comparison.times("other").reached.any()
     assert nothing_learnt(comparison) == ""
-    assert Trial(comparison, "").numbers("other").startswith("nothing to learn, as the random")
+    assert steps_and_gain(comparison, "other").startswith("nothing to learn, as the random")
     outcomes = [[[(0.5, 1, -1.0), (0.5, 0, -1.0)]], [[]]]
     one_action = cr.FiniteMDP.from_outcomes(
         outcomes, terminal=[False, True], start=0, discount=0.9, time_limit=9

@@ -173,7 +173,7 @@ MEASURES = "mean", "minimum", "maximum"
 def test_a_trial_plays_it():
     known = cr.forecast(by_hand(GOOD), seeds=1)
     assert [row.name for row in known.rows] == ["potential"]
-    assert known.used.gain == known.trial.gain("potential")
+    assert known.used.gain == known.trial.contrasts["potential"].strong_gain
     assert "with the potential, " in known.basis
     assert "sources" not in str(known)
     bad = cr.forecast(by_hand(-GOOD), seeds=1)

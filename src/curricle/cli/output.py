@@ -502,13 +502,13 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
         answer[name] = {"answer": made.answer, "headroom": made.headroom}
         answer[name]["start"] = made.start and asdict(made.start)
         answer[name]["sources"] = {of: f"{learning}" for of, learning in made.sources.items()}
-        answer[name]["trial"] = made.trial and comparison_data(made.trial.comparison)
+        answer[name]["trial"] = made.trial and comparison_data(made.trial)
         print(made.text(line_width()))
         edges = study.curricula[name].in_edges(arms.target)
         for fault in filter(None, map(mapping_fault, edges)):
             print_text(fault)
         if made.trial is not None and (asked := questions(study, arms)):
-            of_trial = made.trial.comparison, made.used.name
+            of_trial = made.trial, made.used.name
             if sentence := seeds_sentence(*of_trial, asked, len(study.seeds)):
                 print_text(sentence)
     return answer

@@ -7,5 +7,4 @@ from .forecasting import (
 )
 from .measures import Arm as Arm, Contrast as Contrast, Reference as Reference
 from .task_differences import differences as differences
-from .trial import Trial as Trial
 from .verdicts import Verdict as Verdict, seeds_needed as seeds_needed, verdicts_of as verdicts_of

@@ -13,14 +13,14 @@ import numpy as np
 
 from curricle.arrays import FloatArray, Frozen, frozen
 from curricle.checks import instance, one_of
+from curricle.comparison.comparison import Comparison
 from curricle.comparison.measures import Reference
 from curricle.comparison.opponents import OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory
-from curricle.comparison.sentences import headroom_sentence, instead
+from curricle.comparison.sentences import headroom_sentence, instead, likely, steps_and_gain
 from curricle.comparison.trial import (
     SEEDS,
     ForecastRow,
-    Trial,
     affordable,
     hindrance,
     rows_of,
@@ -251,8 +251,9 @@ class Forecast:
     start : Start or None
         The return of the potential's own policy, of live targets and those seen through
         observations; None elsewhere, and of a potential without such a policy.
-    trial : Trial or None
-        The comparison with learning from scratch, played in the tasks' models.
+    trial : Comparison or None
+        The comparison with learning from scratch, played in the tasks' models: an arm for each row,
+        under its name, and the opponents.
     no_trial : str
         Why there is no trial, as text.
     knows_target : bool
@@ -265,7 +266,7 @@ class Forecast:
     trained: Mapping[str, SourceValues] = field(repr=False)
     sources: Mapping[str, SourceLearning | DistilledSource] = field(default_factory=dict)
     start: Start | None = None
-    trial: Trial | None = None
+    trial: Comparison | None = None
     no_trial: str = ""
     knows_target: bool = False
 
@@ -290,14 +291,19 @@ class Forecast:
         """:meth:`Comparison.headroom` in the trial; NaN if it is unknown."""
         if self.trial is None or self.used.gain is None:
             return float("nan")
-        return self.trial.comparison.headroom(self.used.name)
+        return self.trial.headroom(self.used.name)
 
     @property
     def answer(self) -> str:
         """Whether the curriculum will pay, in a few words; and whether its mapping was found."""
-        pays = "whether it pays is open"
-        if self.trial is not None:
-            pays = self.trial.verdict(self.used.name)
+        gain = self.used.gain
+        if self.trial is None:
+            pays = "whether it pays is open"
+        elif gain is None:
+            pays = "it failed in the trial"
+        else:
+            nobody = self.trial.nobody
+            pays = f"{nobody} in the trial" if nobody else likely(gain)
         return f"{pays}, {FOUND}" if self.knows_target else pays
 
     @property
@@ -305,7 +311,14 @@ class Forecast:
         """The numbers behind the answer and their assumptions, or why there was no trial."""
         if self.trial is None:
             return f"no trial: {self.no_trial}"
-        return f"{self.trial.numbers(self.used.name)}; {self.trial.assumes}"
+        name, failed = self.used.name, self.trial.failed
+        of_used = in_words(failed[name]) if name in failed else steps_and_gain(self.trial, name)
+        anew = ", its sources trained anew" * bool(self.used.curriculum.transfers)
+        return (
+            f"{of_used}; a trial in the model: {counted(self.trial.seeds, 'seed')}, random streams "
+            "apart from those of an experiment; assumes the tasks, budgets and settings of the "
+            f"curriculum{anew}"
+        )
 
     def __str__(self) -> str:
         return self.text()
@@ -336,7 +349,7 @@ class Forecast:
     @property
     def _tried(self) -> list[ForecastRow]:
         """The rows with a gain; none where nobody learnt in the trial."""
-        nobody = self.trial is not None and self.trial.comparison.nobody
+        nobody = self.trial is not None and self.trial.nobody
         return [] if nobody else [row for row in self.rows if row.gain is not None]
 
     @property
@@ -344,14 +357,14 @@ class Forecast:
         """The sentences above the table: headroom, answer, its basis, the sources, the start."""
         lines = [self.answer, self.basis]
         if self.trial is not None and (gain := self.used.gain) is not None:
-            arms, name = self.trial.comparison, self.used.name
+            arms, name = self.trial, self.used.name
             lines[0] += f": {instead(arms, name)}" * bool(gain.high < 0)
             lines[:0] = filter(None, [headroom_sentence(arms, name)])
         lines[0] = f"Forecast for {self.target!r}: {lines[0]}"
         if self.trial is not None:
             lines += [
                 f"{name} failed: {in_words(error)}"
-                for name, error in self.trial.comparison.failed.items()
+                for name, error in self.trial.failed.items()
                 if name != self.used.name  # whose error is the basis
             ]
             lines += [f"the highest gain in the trial: {self.best.name}"] * (not self.best.used)
@@ -507,7 +520,8 @@ def forecast(
     # Networks enter in one way, whatever their aggregate.
     rows = [row for row in ways if row.used or reads_values]
     if played is not None:
-        rows = [replace(row, gain=played.gain(row.name)) for row in rows]
+        gains = {name: contrast.strong_gain for name, contrast in played.contrasts.items()}
+        rows = [replace(row, gain=gains.get(row.name)) for row in rows]
     rows.sort(key=lambda row: (not row.aggregate, row.gain is None, -_estimate(row)))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     coverage: dict[str, Any]  # of mappings whose pairs are few enough to count

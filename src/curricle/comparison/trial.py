@@ -19,16 +19,14 @@ from curricle.comparison.cost import NOMINAL, node_seconds
 from curricle.comparison.measures import Reference
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
-from curricle.comparison.sentences import likely, steps_and_gain
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
-from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
 from curricle.progress import Progress, shown
 from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr
 from curricle.transfer.aggregate import BUILT_IN, Aggregate
 from curricle.transfer.transfer import Transfer, numbered, transfer_names
 
@@ -112,42 +110,6 @@ QUICK = 10.0  # estimated seconds on one processor up to which a forecast makes 
 WINDOW = 5  # checkpoints over which curves are smoothed, as in a comparison
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """The result of a trial.
-
-    Attributes
-    ----------
-    comparison : Comparison
-        An arm for each row of a forecast, under the row's name, and the opponents.
-    assumes : str
-        The assumptions of its verdict, as text.
-    """
-
-    comparison: Comparison = field(repr=False)
-    assumes: str
-
-    __repr__ = brief_repr
-
-    def gain(self, name: str) -> Interval | None:
-        """Return the strong gain of a row in mean return; None if it could not be trained."""
-        contrast = self.comparison.contrasts.get(name)
-        return None if contrast is None else contrast.strong_gain
-
-    def verdict(self, name: str) -> str:
-        """Return in a few words whether a row pays, by the interval of its gain."""
-        gain = self.gain(name)
-        if gain is not None and self.comparison.nobody:
-            return f"{self.comparison.nobody} in the trial"
-        return "it failed in the trial" if gain is None else likely(gain)
-
-    def numbers(self, name: str) -> str:
-        """Return a sentence on a row's gain, its steps and its best opponent's steps."""
-        if self.gain(name) is None:
-            return in_words(self.comparison.failed[name])
-        return steps_and_gain(self.comparison, name)
-
-
 def run_trial(
     rows: Sequence[ForecastRow],
     *,
@@ -158,8 +120,11 @@ def run_trial(
     memory: Memory | None = None,
     workers: int | None = None,
     progress: Progress = None,
-) -> Trial:
-    """Return a trial of rows, with the reference of their target if that is known."""
+) -> Comparison:
+    """Return a trial of rows: an arm for each, under its name, and the opponents.
+
+    Give it the reference of the target if that is known.
+    """
     memory = Memory() if memory is None else memory
     arms = {row.name: apart(row.curriculum) for row in rows}
     plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
@@ -167,13 +132,7 @@ def run_trial(
     reference = reference or Reference.before(plan.target_node, None)
     with shown(progress) as bars:
         numbers = seed_tuple(seeds)
-        comparison = trained_comparison(plan, numbers, reference, window, memory, workers, bars)
-    assumes = (
-        f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
-        "an experiment; assumes the tasks, budgets and settings of the curriculum"
-    )
-    assumes += ", its sources trained anew" * any(row.curriculum.transfers for row in rows)
-    return Trial(comparison, assumes)
+        return trained_comparison(plan, numbers, reference, window, memory, workers, bars)
 
 
 def apart(curriculum: Curriculum) -> Curriculum:

@@ -64,7 +64,7 @@ def plot(subject: object, path: str | Path | None = None, *, task: Task | None =
 
     Parameters
     ----------
-    subject : Comparison, Trial, StudyResults, LearningResult, CurriculumResult or array
+    subject : Comparison, StudyResults, LearningResult, CurriculumResult or array
         A comparison, a forecast's trial or a study: curves, profiles and gains of the arms. A
         learning result: its learning curve; a curriculum's: those of its last tasks. Values, (S,)
         or (S, A) float64: the best of each state, as a heat map of their `task`.
@@ -102,10 +102,10 @@ def plot(subject: object, path: str | Path | None = None, *, task: Task | None =
     elif isinstance(subject, CurriculumResult) and subject.nodes:
         figure = draw_results(subject.nodes)
     else:
-        compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
+        compared = getattr(subject, "comparison", subject)  # of a study, or itself
         if not isinstance(compared, Comparison):
             raise SettingError(
-                "what is plotted must be a Comparison, Trial, StudyResults, LearningResult or "
+                "what is plotted must be a Comparison, StudyResults, LearningResult or "
                 f"CurriculumResult, or an array of values with its task: got {brief(subject)}"
             )
         figure = draw_comparison(compared)

@@ -175,7 +175,7 @@ def test_what_cannot_be_drawn_is_refused_and_nothing_written(tmp_path, hunt):
     for path in (tmp_path / "hunt.bmp", tmp_path / "nowhere" / "hunt.png", 7):
         with pytest.raises(SettingError, match=r"end in .png|a folder that exists|a path: got 7"):
             plot("no subject", path)
-    with pytest.raises(SettingError, match=r"must be a Comparison, Trial, .*: got 7"):
+    with pytest.raises(SettingError, match=r"must be a Comparison, StudyResults, .*: got 7"):
         plot(7, tmp_path / "hunt.png")
     assert os.listdir(tmp_path) == []
     for values in (np.zeros(4), [0.0, np.nan, 0.0], "no numbers"):
