@@ -209,7 +209,7 @@ def _by_returns(target: Any, source: Any, variant: Variant) -> Fitting:
         proposals += by_alignment(pair)
     different = {of.mapping.index.tobytes(): of for of in proposals[::-1]}  # the plainest of equals
     best: Fitting | None = None
-    for mapping, how, _ in different.values():
+    for mapping, how in different.values():
         if (mapping.index < 0).all() or (best and time.perf_counter() > ends):
             continue
         edges = [Transfer("source", "target", mapping)]
