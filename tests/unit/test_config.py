@@ -412,8 +412,13 @@ def test_what_a_template_shows_as_defaults_are_the_defaults(read, kind):
 
 @pytest.mark.parametrize(
     "line",
-    ["scratch = false", "tune.space = { 'learner.learning_rate' = [0.1, 0.5] }", "choose = true"],
+    [
+        "scratch = false",
+        "compared = false",
+        "choose = true",
+        "tune.space = { 'learner.learning_rate' = [0.1, 0.5] }",
+    ],
 )
 def test_compare_refuses_a_study_of_which_it_would_leave_something_out(read, line):
-    with pytest.raises(ConfigError, match=r"compare does not play .*run_study\(study, FOLDER\)"):
+    with pytest.raises(ConfigError, match=r"compare would leave out .*run_study\(study, FOLDER\)"):
         cr.compare(read(f"{line}\n{MAZE}"))

@@ -339,6 +339,19 @@ class Worded(Robot):
         return {"at": at, "word": "go"}, *rest
 
 
+class Growing(Pushed):  # observations of several lengths, and a counter of steps
+    def __init__(self):
+        super().__init__()
+        self.observation_space = spaces.Sequence(spaces.Discrete(3))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return (1,), {}
+
+    def step(self, action):
+        return (1,) * (self.steps % 3), *super().step(action)[1:]
+
+
 class Endless(Vast):
     def __init__(self):
         super().__init__()
@@ -595,6 +608,13 @@ def test_small_pictures_among_numbers_become_numbers(curricle, robots):
     code, out, complaint = curricle("check", file)
     assert code == 0, complaint
     assert "Box(129,)" in out
+
+
+def test_observations_of_several_lengths_are_refused_with_a_way_out(robots):
+    with pytest.raises(
+        ConfigError, match=r"observations of a deep learner must be a Box, .*encode"
+    ):
+        new_study("robots:Growing", robots)
 
 
 @pytest.mark.parametrize(("name", "steps"), [("short", 500), ("lasting", 3600)])

@@ -160,7 +160,7 @@ def _member(target: FamilyMember, source: FamilyMember) -> Made:
 
 
 def crops(target: DesignTarget) -> Iterator[Draft]:
-    """Yield windows around the goal of a task that has `crop`, those of half the size first."""
+    """Yield windows around the goal of a task with `crop` and `layout`, half the size first."""
     task = target.task
     if isinstance(task, DeepSea):
         for rows in spread(range(1, task.size)):

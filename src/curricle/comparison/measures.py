@@ -108,12 +108,19 @@ class Reference:
         return replace(reference, threshold=threshold, threshold_from=OF_OPTIMUM)
 
     @classmethod
-    def before(cls, node: Node, stated: float | None, target: Any = None) -> Self:
-        """Return :meth:`of` a task, not solved for it where the threshold is stated."""
+    def before(
+        cls, node: Node, stated: float | None, target: Target | ObservationTarget | None = None
+    ) -> Self:
+        """Return :meth:`of` the task of a node, with what is known of its random policy.
+
+        The task is solved unless the threshold is stated; `target` is the task solved before.
+        """
         possible = possible_returns(node.task, node.evaluation.discount(node.task))
         reference = cls(stated, STATED)
         if stated is None or target is not None:
-            reference = cls.of(target or target_of(node.task, node.evaluation), stated)
+            if target is None:
+                target = target_of(node.task, node.evaluation)
+            reference = cls.of(target, stated)
         reference = replace(reference, possible=possible)
         sampled = node.deep or isinstance(node.evaluation.kernel(node.task), RolloutEvaluation)
         if reference.random_return is not None and not sampled:

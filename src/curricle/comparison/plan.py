@@ -400,7 +400,7 @@ def arms_of(keys: Mapping[tuple[str, str], str], some: Collection[str]) -> set[s
 
 # -- Running units, each after its sources ---------------------------------------------------------
 
-LOST = "its executor was lost or cancelled it: go on with --resume"  # not cancelled by this process
+LOST = "its executor was lost or cancelled it: go on with --resume"  # compare has no executor
 ASKED_AGAIN = 2.0
 """Seconds between requests for the number of workers: it may grow, but a cluster's answer takes
 about as long as a small unit."""

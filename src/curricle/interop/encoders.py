@@ -4,7 +4,7 @@ All are frozen dataclasses: equal settings are equal encoders, with the same tex
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import pairwise
@@ -136,12 +136,16 @@ class WholeNumbers:
     def __post_init__(self) -> None:
         if not isinstance(self.ranges, Mapping) or not self.ranges:
             raise TaskError(f"whole numbers need a dict from names to ranges: got {self.ranges!r}")
-        components = list[Component]()
+        checked, components = dict[str, tuple[int, int]](), list[Component]()
         for name, ends in self.ranges.items():
-            if not (isinstance(ends, Sequence) and [*map(type, ends)] == [int, int]):
-                raise TaskError(f"a range must be two whole numbers: {name!r} has {ends!r}")
-            low, high = ends
+            pair = numbers(f"the range of {name!r}", ends, TaskError)
+            if pair.shape != (2,) or (pair % 1).any() or pair[0] > pair[1]:
+                raise TaskError(
+                    f"a range must be two ascending whole numbers: {name!r} has {ends!r}"
+                )
+            low, high = checked[str(name)] = int(pair[0]), int(pair[1])
             components.append(Component(name, high - low + 1, low=low))
+        object.__setattr__(self, "ranges", checked)
         object.__setattr__(self, "states", Space(components))
 
     def __call__(self, observation: FloatTable) -> int:

@@ -51,8 +51,8 @@ class Level:
         }
         self.plain = [name for name, value in self.constants.items() if _is_plain(value)]
         self.values_of_plain = itemgetter(*self.plain, "mission")
-        self.values_of_others = itemgetter(*(self.constants.keys() - {*self.plain, "grid"}))
-        self.first_others = self.values_of_others(self.constants)
+        self.referring = [*(self.constants.keys() - {*self.plain, "grid"})]
+        self.first_referred = [self.constants[name] for name in self.referring]
         # The different objects in cells and in boxes, in the order of the cells.
         things = dict[int, Any]()
         for thing in env.grid.grid:
@@ -86,14 +86,13 @@ class Level:
 
     def rebound(self, attributes: dict[str, Any]) -> str:
         """Return the name of an attribute, not plain, that steps have given another value."""
-        if all(map(is_, self.values_of_others(attributes), self.first_others)):
+        if all(map(is_, map(attributes.get, self.referring), self.first_referred)):
             return ""
-        changed = (
-            name
-            for name, digest in self.first_digests.items()
-            if fingerprint(attributes[name]) != digest
-        )
-        return next(changed, "")
+        for name, first in zip(self.referring, self.first_referred, strict=True):
+            value = attributes.get(name)
+            if value is not first and fingerprint(value) != self.first_digests[name]:
+                return name
+        return ""
 
     def components(self, env: MiniGrid) -> Words:
         """Return the components of the state that an environment of this level is in."""

@@ -108,9 +108,12 @@ class Play:
 
     def _is_shown(self, name: str) -> bool:
         """Return whether a number in observations is an attribute, maybe scaled."""
-        points: Any = np.array(
-            [[x if isinstance(x, int | float) else np.nan for x in point] for point in self.points]
-        )
+        try:
+            points: Any = np.array(self.points, float)
+        except ValueError:  # texts are no numbers, and observations may differ in length
+            columns = zip(*self.points, strict=False)
+            of_numbers = [c for c in columns if all(isinstance(x, int | float) for x in c)]
+            points = np.array(of_numbers, float).reshape(-1, len(self.points)).T
         values: Any = [attributes[name] for attributes in self.attributes]
         for column in points[:, np.ptp(points, axis=0) > 0].T:
             if abs(np.corrcoef(column, values)[0, 1]) > 1 - SCALED:

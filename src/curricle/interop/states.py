@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cache, partial
+from functools import cache
 from itertools import count
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any, NamedTuple
@@ -47,13 +47,13 @@ def acts_as(env: object, *kinds: type, methods: Sequence[str] = ("step", "reset"
 
 Generator = np.random.Generator | np.random.RandomState | random.Random
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
-SALT = 2718  # begins the seeds of repeated steps, so that they are not those of resets
+SALT = 2718  # with which seeds of repeated steps are made, so that they are not those of resets
 
 
 def restart(generators: Sequence[Generator], repetition: int) -> None:
     """Seed generators, each of them differently in each repetition."""
     for place, generator in enumerate(generators):
-        seed = (SALT + 1000 * place + repetition) % 2**32
+        seed = int(np.random.SeedSequence([SALT, place, repetition]).generate_state(1)[0])
         if isinstance(generator, np.random.Generator):
             bits = generator.bit_generator
             bits.state = type(bits)(seed).state
@@ -95,6 +95,13 @@ def _draws(kind: Any) -> bool:
 
 
 draws: Callable[[Any], bool] = cache(_draws)
+
+
+def _has_order(key: object) -> bool:
+    """Return whether the text of a dict's key is that of equal keys in copies."""
+    if isinstance(key, tuple):
+        return all(map(_has_order, key))
+    return isinstance(key, (*PLAIN, Enum, np.generic))
 
 
 def fingerprint(value: object, left_out: Collection[str] = ()) -> bytes:
@@ -164,7 +171,8 @@ class _Reader:
             parts = list(value)
         elif isinstance(value, dict):
             self.tell(type(value).__name__, len(value))
-            for key in sorted(value, key=partial(fingerprint, left_out=self.left_out)):
+            # Objects that have no order keep that of their insertion, as copies do.
+            for key in sorted(value, key=repr) if all(map(_has_order, value)) else value:
                 self.read(key)
                 self.read(value[key])
         elif isinstance(value, set | frozenset):
@@ -325,6 +333,9 @@ class Copies(StateAccess):
     def restore(self, env: Environment, content: object) -> Restored:
         """Return a copy, and its generators, wherever it holds them."""
         copy, memo = copied(content)
+        if any(hasattr(type(layer), "__deepcopy__") for layer in layers_of(copy)):
+            generators = _Reader(copy, left_out(copy), strict=False).generators
+            return Restored(copy, [*generators.values()])
         return Restored(copy, [part for part in memo.values() if isinstance(part, GENERATORS)])
 
     def describe(self, env: Environment, observation: object) -> Words:

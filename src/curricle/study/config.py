@@ -804,19 +804,16 @@ def rivals(study: StudyConfig) -> dict[str, Any]:
 
 
 def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
-    alone = {
-        "[tune]": study.tune,
-        "choose = true": study.choose,
-        "scratch = false": not study.scratch,
-    }
-    alone["a sweep of learners"] = len(study.scratches or ()) > 1
-    if unplayed := next((what for what, stated in alone.items() if stated), ""):
+    settings = {"[tune]": study.tune, "choose = true": study.choose}
+    settings |= {"scratch = false": not study.scratch, "compared = false": not study.compared}
+    settings |= {"a sweep of learners": len(study.scratches or ()) > 1}
+    if left_out := [setting for setting, stated in settings.items() if stated]:
         raise ConfigError(
-            f"compare does not play {unplayed} of {study.name!r}: run_study(study, FOLDER) does, "
-            "and its results have the comparison"
+            f"compare would leave out {listed(left_out)} of {study.name!r}: "
+            "run_study(study, FOLDER) plays a study as its file says"
         )
-    settings = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
-    return study.curricula, {**settings, **rivals(study), "controls": study.controls or ()}
+    said = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
+    return study.curricula, {**said, **rivals(study), "controls": study.controls or ()}
 
 
 def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:

@@ -238,7 +238,8 @@ def trial_study(study: StudyConfig) -> StudyConfig:
     curriculum, alone = study.curricula[first], target_alone(arms[first])
     target, (*_, data) = curriculum.target, alone["tasks"].values()
     candidates = source_candidates(study.address(first, target), most=MOST)
-    trials = {name: arms[name] for name, of in study.curricula.items() if of.has_potential(target)}
+    informed = (name for name, arm in study.curricula.items() if arm.has_potential(target))
+    trials = {name: arms[name] for name in informed}
     shared: dict[str, Any] = {key: data[key] for key in OF_BOTH if key in data}
     if "storage" in shared:  # a source must save its values, even if the target does not
         shared["storage"] = {**shared["storage"], "kind": "auto", "save_values": True}

@@ -210,7 +210,7 @@ class GridDomain(Domain):
         return ~self._ends
 
     def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> IntArray:
-        """Return the states of episodes that start in these cells, `MISSING` where none can."""
+        """Return the states of these cells, `MISSING` off the map and in walls."""
         return self.grid.space.encode(row=row, column=column)
 
     def _starting(self) -> IntArray:

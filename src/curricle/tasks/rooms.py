@@ -346,7 +346,7 @@ class KeyLockPit(MapDomain):
         return ~self._ends & held if self.keys_held else ~self._ends
 
     def states_at(self, row: npt.ArrayLike, column: npt.ArrayLike) -> IntArray:
-        """Return the states of episodes that start in these cells, `MISSING` where none can."""
+        """Return the first states of these cells, `MISSING` off the map and in walls."""
         names, keys = self.states.names[2:], len(self._keys)
         status = dict.fromkeys(names[:keys], int(self.keys_held)) | dict.fromkeys(names[keys:], 0)
         return self.states.encode(row=row, column=column, **status)

@@ -254,9 +254,18 @@ def test_bins_make_numbers_states():
 
 
 def test_wrong_whole_numbers_are_named():
-    for ranges in ([("a", (0, 3))], {}, {"a": 5}, {"a": (3,)}, {"a": (0, 1.5)}, {"a": (3, 0)}):
-        with pytest.raises(cr.errors.TaskError, match=r"need a dict|two whole numbers: 'a'|'a'"):
-            cr.interop.encoders.WholeNumbers(ranges)
+    for ranges in ([("a", (0, 3))], {}):
+        with pytest.raises(
+            cr.errors.TaskError, match="whole numbers need a dict from names to ran"
+        ):
+            cr.interop.WholeNumbers(ranges)
+    for ends in (5, (3,), (0, 1.5), (3, 0)):
+        with pytest.raises(cr.errors.TaskError, match="be two ascending whole numbers: 'a' has"):
+            cr.interop.WholeNumbers({"a": ends})
+    with pytest.raises(cr.errors.TaskError, match="the range of 'a' must be an array of numbers"):
+        cr.interop.WholeNumbers({"a": "word"})
+    of_numpy = cr.interop.WholeNumbers({"a": np.array([0, 3])})
+    assert of_numpy == cr.interop.WholeNumbers({"a": (0, 3)})
 
 
 def test_wrong_bins_are_named():

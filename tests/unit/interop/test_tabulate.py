@@ -2,6 +2,8 @@
 
 import itertools
 import random
+import threading
+from copy import deepcopy
 from functools import partial
 from typing import NamedTuple
 
@@ -215,17 +217,34 @@ def test_samples_of_a_step_differ_wherever_the_numbers_come_from(where, state):
     assert task.mdp.probability[task.mdp.outcome_row[0, 1]].max() == pytest.approx(0.5, abs=0.15)
 
 
+class Thing:
+    def __init__(self, owner):
+        self.owner = owner
+
+
+class Healths(Corridor):
+    def __init__(self):
+        super().__init__()
+        self.health = {Thing(self): k for k in range(6)} | {threading.Lock: 0}
+
+
+class OwnCopy(Slippery):
+    """Is copied without the memo, in which its generators would be found."""
+
+    def __deepcopy__(self, memo):
+        copy = type(self).__new__(type(self))
+        vars(copy).update(deepcopy(vars(self)))
+        return copy
+
+
 def test_dicts_are_read_in_an_order_that_copies_keep():
-    class Thing:
-        pass
-
-    class Healths(Corridor):
-        def __init__(self):
-            super().__init__()
-            self.health = {Thing(): k for k in range(6)}
-
     task = cr.tabulate(Healths, discount=0.5)
     assert_same_tables(task.mdp, cr.tabulate(Corridor, discount=0.5).mdp)
+
+
+def test_samples_differ_where_a_class_copies_itself():
+    task = cr.tabulate(lambda: OwnCopy("attribute"), discount=0.5, samples=200)
+    assert task.mdp.probability[task.mdp.outcome_row[0, 1]].max() == pytest.approx(0.5, abs=0.15)
 
 
 def test_a_step_is_repeated_from_its_state():

@@ -164,6 +164,27 @@ class Rebound(FarNotes):
         return super().step(action)
 
 
+class Equal(minigrid.envs.DoorKeyEnv):
+    """Puts an equal list in the place of the first."""
+
+    def __init__(self, **settings):
+        super().__init__(size=5, **settings)
+
+    def reset(self, **settings):
+        self.path = [0, 1]
+        return super().reset(**settings)
+
+    def step(self, action):
+        self.path = [0, 1]
+        return super().step(action)
+
+
+def test_what_is_replaced_by_its_equal_is_no_state():
+    replaced = cr.tabulate(Equal, discount=0.9, state=MiniGridState())
+    plain = cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9)
+    assert cr.solve(replaced).start_value == pytest.approx(cr.solve(plain).start_value)
+
+
 @pytest.mark.parametrize(("level", "length"), [(Notes, 4), (FarNotes, 12), (Rebound, 12)])
 def test_levels_that_keep_a_state_elsewhere_are_saved_by_copies(level, length):
     with pytest.raises(TaskError, match=r"MiniGridState\(copies=True\)|deterministic"):

@@ -78,7 +78,7 @@ def template(kind: str) -> str:
     return files(__package__).joinpath(f"{kind}.toml").read_text(encoding="utf-8")
 
 
-def _is_there(module: str) -> bool:
+def _importable(module: str) -> bool:
     """Return whether a module, maybe one in a package, can be imported."""
     with suppress(ImportError, ValueError):  # where its package is not there, or no name at all
         return find_spec(module) is not None
@@ -93,7 +93,7 @@ def _known(name: str) -> str:
     from curricle.interop.gymnasium import suggested_ids
 
     module, colon, _ = name.partition(":")
-    if name in registry or (colon and _is_there(module)):
+    if name in registry or (colon and _importable(module)):
         return name  # gymnasium.make imports the module, which registers its environments
     if find_spec("minigrid"):
         import_module("minigrid")

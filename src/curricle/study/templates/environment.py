@@ -158,8 +158,8 @@ def _searched(
             say(f"searching for its states{observed}{sampled} (at most {seconds:.0f} s)")
         try:
             task = _made(way, recipe, {}, seconds)
-            unlike = way.func is tabulate and task.observations.ambiguous.any()
-            if alike and way is not alike and unlike:  # states that look alike, as records do
+            ambiguous = way.func is tabulate and task.observations.ambiguous.any()
+            if alike and way is not alike and ambiguous:
                 with suppress(TaskError):  # what is not seen makes a difference
                     return Found(_made(alike, recipe, {}, seconds), alike, refusal)
             return Found(task, way, refusal)
@@ -190,6 +190,8 @@ def environment_study(
 def _study(
     name: str, recipe: Recipe, env: Env[Any, Any], say: Callable[[str], object]
 ) -> tuple[str, list[str]]:
+    if not is_discrete(env.action_space):
+        _check_actions(name, env.action_space)
     say(f"playing {EPISODES} episodes of random actions (at most {PLAYED:.0f} s)")
     play = Play(env)
     recipe, fixed, notes = _repeatable(recipe, play)
@@ -235,11 +237,11 @@ def _study(
     def of_variant(arguments: dict[str, Any], variant: Any) -> Variant:
         """Return a variant learnt: a live one by its tables, where it is small enough for some."""
         if live and play.whole:
-            by_tables = partial(ways[0], **({} if searched.large else JUDGED))
+            way_to_tables = partial(ways[0], **({} if searched.large else JUDGED))
             with suppress(TaskError):
-                in_tables = _made(by_tables, recipe, arguments, SMALL)
-                by_its_tables = learnt(arguments, in_tables, BUDGETS, has_goal=True)
-                return by_its_tables._replace(task=variant)
+                tabulated = _made(way_to_tables, recipe, arguments, SMALL)
+                judged = learnt(arguments, tabulated, BUDGETS, has_goal=True)
+                return judged._replace(task=variant)
         return trial(arguments, variant)
 
     easy = easier(target, partial(_made, way, recipe), iter(arguments), of_variant)
@@ -448,11 +450,7 @@ def _of_network(
 ) -> tuple[str, list[str]]:
     """Return a study that a network learns; a step of the environment takes `seconds`."""
     observed, acting = env.observation_space, env.action_space
-    if not isinstance(acting, Box | Discrete | MultiDiscrete | MultiBinary):
-        raise ConfigError(
-            f"actions must be numbered, or boxes of numbers, to be learnt: those of {name} are "
-            f"{acting}; let step take a number that says which action is meant"
-        )
+    _check_actions(name, acting)
     parts = [*observed.spaces.values()] if isinstance(observed, Dict) else [observed]
     sides = [side for part in parts for side in _picture_sides(part)]
     view = {"encode": "MiniGridView"} if is_minigrid(env) else {}  # else its mission is a text
@@ -489,6 +487,15 @@ def _of_network(
     filled = {"kind": "observation_task", "keys": keys | view, "live": True, "network": network}
     filled |= {"budget": budget, "checkpoints": checkpoints, "episodes": episodes}
     return _text(name, recipe, notes, filled | {"sources": {}, "sparse": False}), notes
+
+
+def _check_actions(name: str, acting: Space[Any]) -> None:
+    """Raise ConfigError unless networks can learn which actions to take."""
+    if not isinstance(acting, Box | Discrete | MultiDiscrete | MultiBinary):
+        raise ConfigError(
+            f"actions must be numbered, or boxes of numbers, to be learnt: those of {name} are "
+            f"{acting}; let step take a number that says which action is meant"
+        )
 
 
 def _picture_sides(space: Space[Any]) -> list[int]:
