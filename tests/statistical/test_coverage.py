@@ -113,10 +113,11 @@ def test_coverage_is_93_to_97_percent_where_it_is_promised(kind, seeds):
 
 @pytest.mark.parametrize("seeds", [6, 10, 20, 50])
 @pytest.mark.parametrize("verdict", false_alarms.VERDICTS)
-def test_a_verdict_is_wrong_in_at_most_5_percent_of_studies_of_equal_arms(verdict, seeds):
+def test_a_verdict_is_wrong_in_as_few_studies_of_equal_arms_as_the_page_says(verdict, seeds):
     studies = 1000
     rate = false_alarms.rate(false_alarms.VERDICTS, verdict, seeds, studies)
-    assert rate <= 0.05 + allowed(0.05, studies)
+    most = 0.09 if verdict.endswith("all by the draw: lognormal") else 0.05  # as the page says
+    assert rate <= most + allowed(most, studies)
     stated = FALSE_ALARMS[verdict][false_alarms.SEEDS.index(seeds)]
     assert rate == pytest.approx(stated, abs=1.2 * allowed(stated, studies))
 
