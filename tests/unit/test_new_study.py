@@ -611,9 +611,7 @@ def test_small_pictures_among_numbers_become_numbers(curricle, robots):
 
 
 def test_observations_of_several_lengths_are_refused_with_a_way_out(robots):
-    with pytest.raises(
-        ConfigError, match=r"of a deep learner must be a Box, .*encode="
-    ):
+    with pytest.raises(ConfigError, match=r"of a deep learner must be a Box, .*encode="):
         new_study("robots:Growing", robots)
 
 
