@@ -204,7 +204,7 @@ def survives() -> None:
         errors = np.abs(gains[:, 1:].T - gains[:, 0])
         plot.errorbar(gains[:, 0], places, xerr=errors, fmt="o", ms=4, color=colour, label=label)
     plot.axvline(0, color="0.6", linewidth=0.8)
-    names = [re.sub(r"\[(.*?)\]\(.*?\)|, \d+( †)?$", r"\1", row[0]) for row in rows]
+    names = [re.sub(r"\[(.*?)\]\(.*?\)|, \d+$", r"\1", row[0]) for row in rows]
     labels = [f"{name}: {row[1]}" for name, row in zip(names, rows, strict=True)]
     plot.set_yticks(np.arange(len(rows)), labels, fontsize=7)
     plot.set_ylim(len(rows) - 0.5, -0.5)
