@@ -124,7 +124,8 @@ def place_of(error: BaseException) -> str:
     for frame, line in walk_tb(error.__traceback__):
         code, path = frame.f_code, Path(frame.f_code.co_filename)
         installed = {"site-packages", "dist-packages"} & {*path.parts}
-        if not (installed or code.co_filename.startswith(not_users)):
+        compiled = code.co_filename.endswith(".pyx")  # a path without its site-packages
+        if not (installed or compiled or code.co_filename.startswith(not_users)):
             place = f"{RAISED}{code.co_name} of {path.name}, line {line}"
     return place
 

@@ -85,7 +85,7 @@ def outcome(text: str, folder: Path, what: Callable[[Path], None] = previewed) -
     """Return what becomes of a study file with a text, in a word, and why.
 
     The words are "fine", "refused", "foreign" (another exception than ours) and "hang"; "own code"
-    where that hangs in a module beside the study.
+    where that hangs in a module beside the study, or raises what the command says in a sentence.
     """
     path = folder / "study.toml"
     path.write_text(text, "utf-8")
@@ -100,6 +100,8 @@ def outcome(text: str, folder: Path, what: Callable[[Path], None] = previewed) -
         last = traceback.format_exc()
         own = str(path.parent) in last or traceback.extract_tb(error.__traceback__)[-2].line == CALL
         return ("own code", "") if own else ("hang", last)
-    except Exception:
-        return "foreign", traceback.format_exc()
+    except Exception as error:
+        files = [frame.filename for frame in traceback.extract_tb(error.__traceback__)]
+        own = any(file.startswith(str(path.parent)) for file in files)
+        return ("own code", "") if own else ("foreign", traceback.format_exc())
     return "fine", ""

@@ -238,6 +238,16 @@ def test_an_environment_that_fails_is_told_with_its_place(tmp_path, curricle):
 LINE = ENVIRONMENT.replace('return {}["pos"]', "return action, 1.0, bool(action), False, {}")
 
 
+def test_the_place_of_an_error_is_the_users_line_and_not_a_compiled_librarys(tmp_path, curricle):
+    wrong = ENVIRONMENT.replace("return 0, {}", "return int(self.np_random.integers(0)), {}")
+    (tmp_path / "own.py").write_text(wrong)
+    (tmp_path / "own.toml").write_text(
+        "name = 'own'\n[tasks.own]\ntype = 'gymnasium'\nfactory = 'own:Fails'\ndiscount = 0.9\n"
+    )
+    _, _, complaint = curricle("check", tmp_path / "own.toml")
+    assert "ValueError: high <= 0 (raised in reset of own.py, line 10" in complaint
+
+
 def test_what_fails_after_a_change_is_told_though_no_unit_fits_any_more(tmp_path, curricle):
     (tmp_path / "own.py").write_text(LINE)
     (tmp_path / "own.toml").write_text(
