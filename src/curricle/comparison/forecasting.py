@@ -312,12 +312,12 @@ class Forecast:
         if self.trial is None:
             return f"no trial: {self.no_trial}"
         name, failed = self.used.name, self.trial.failed
-        of_used = in_words(failed[name]) if name in failed else steps_and_gain(self.trial, name)
-        anew = ", its sources trained anew" * bool(self.used.curriculum.transfers)
+        result = in_words(failed[name]) if name in failed else steps_and_gain(self.trial, name)
+        retrained = ", its sources trained anew" * bool(self.used.curriculum.transfers)
         return (
-            f"{of_used}; a trial in the model: {counted(self.trial.seeds, 'seed')}, random streams "
+            f"{result}; a trial in the model: {counted(self.trial.seeds, 'seed')}, random streams "
             "apart from those of an experiment; assumes the tasks, budgets and settings of the "
-            f"curriculum{anew}"
+            f"curriculum{retrained}"
         )
 
     def __str__(self) -> str:

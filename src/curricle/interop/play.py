@@ -112,8 +112,10 @@ class Play:
             points: Any = np.array(self.points, float)
         except ValueError:  # texts are no numbers, and observations may differ in length
             columns = zip(*self.points, strict=False)
-            of_numbers = [c for c in columns if all(isinstance(x, int | float) for x in c)]
-            points = np.array(of_numbers, float).reshape(-1, len(self.points)).T
+            numbers = [
+                column for column in columns if all(isinstance(x, int | float) for x in column)
+            ]
+            points = np.array(numbers, float).reshape(-1, len(self.points)).T
         values: Any = [attributes[name] for attributes in self.attributes]
         for column in points[:, np.ptp(points, axis=0) > 0].T:
             if abs(np.corrcoef(column, values)[0, 1]) > 1 - SCALED:
