@@ -41,7 +41,8 @@ def dense(mdp):
     for s, a in np.ndindex(shape[:2]):
         row = mdp.outcome_row[s, a]
         np.add.at(p[s, a], mdp.next_state[row], mdp.probability[row])
-        r[s, a, mdp.next_state[row]] = mdp.reward[row]
+        happens = mdp.probability[row] > 0  # rows are padded with outcomes that never do
+        r[s, a, mdp.next_state[row][happens]] = mdp.reward[row][happens]
     return p, r
 
 
