@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 import curricle as cr
 from benchmarks.unrelated_pairs import SEARCHED
@@ -24,7 +24,7 @@ from curricle.transfer.bisimulation import (
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from tests.support.enumeration import exact_action_values, exact_optimum
 from tests.support.renumbering import renumbered
-from tests.support.tasks import mdps
+from tests.support.tasks import DenseMDP, mdps
 
 
 def blocks_naively(dense):
@@ -72,6 +72,15 @@ def test_a_renumbered_task_is_found_again(dense, seed):
     np.testing.assert_array_equal(kinds[index[live]], kinds[truth[live]])
 
 
+CANCELLING = DenseMDP(  # its mean rewards are 0 but for rounding
+    np.array([[[0.2, 0.8]], [[1.0, 0.0]]]),
+    np.array([[[-4, 1]], [[0, 1]]]),
+    np.array([False, False]),
+    0.3,
+)
+
+
+@example(CANCELLING, 0, 2)
 @given(mdps(max_states=4), st.integers(0, 2**32 - 1), st.integers(2, 3))
 def test_a_task_that_a_homomorphism_maps_to_another_is_mapped_to_it(dense, seed, copies):
     """Every state in several copies, the chance of one shared among its copies at random."""

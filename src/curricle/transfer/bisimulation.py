@@ -43,15 +43,22 @@ class Blocks(NamedTuple):
 
 def model_for_refinement(mdp: FiniteMDP, mean_reward: FloatArray | None = None) -> Model:
     """Return the Model of a FiniteMDP; `mean_reward`, (Y,), may replace the MDP's."""
-    rewards = (mdp.probability * mdp.reward).sum(axis=1) if mean_reward is None else mean_reward
+    rewards = _mean_rewards(mdp) if mean_reward is None else mean_reward
     return Model(mdp.outcome_row, mdp.probability, mdp.next_state, rewards, mdp.terminal)
+
+
+def _mean_rewards(mdp: FiniteMDP) -> FloatArray:
+    """Return the mean reward of each outcome row, (Y,), 0 where rewards cancel up to rounding."""
+    terms = mdp.probability * mdp.reward
+    means = terms.sum(axis=1)
+    return np.where(abs(means) > PRECISION * abs(terms).sum(axis=1), means, 0.0)
 
 
 def joint_models(tasks: TaskPair) -> tuple[Model, Model]:
     """Return the models of a target and a source, both with the target's discount."""
     # The source's V* also solves V = max_a r' + gamma_t P V with r' = r + (gamma_s - gamma_t) P V.
     target, source = tasks.target_mdp, tasks.source_mdp
-    rewards = (source.probability * source.reward).sum(axis=1)
+    rewards = _mean_rewards(source)
     if target.discount != source.discount:
         values = tasks.source_solution.values[source.next_state]
         after = (source.probability * values).sum(axis=1)
