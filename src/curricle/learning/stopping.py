@@ -249,14 +249,14 @@ def _share_of_rise(greedy, checkpoint):
 @compiled_as(_share_of_rise)
 def share_of_rise(greedy: FloatArray, checkpoint: int) -> float:
     """Return the same in Python, bit for bit, for runs of ten thousand checkpoints."""
-    seen, recent = greedy[: checkpoint + 1], int(RECENT * checkpoint) + 1
+    returns, recent = greedy[: checkpoint + 1], int(RECENT * checkpoint) + 1
     before = int(RECENT * RECENT * checkpoint) + 1
     if recent - before < MIN_EVALUATIONS:
         return math.nan
-    extent = float(np.fmax.reduce(seen) - np.fmin.reduce(seen))
+    extent = float(np.fmax.reduce(returns) - np.fmin.reduce(returns))
     if not extent > 0:
         return math.nan
-    return (_mean_in_order(seen[recent:]) - _mean_in_order(seen[before:recent])) / extent
+    return (_mean_in_order(returns[recent:]) - _mean_in_order(returns[before:recent])) / extent
 
 
 def _mean_in_order(values: FloatArray) -> float:
@@ -325,12 +325,12 @@ class Decision:
             return self.ended_by
         if self.ends:
             level = "threshold" if self.rule.fraction is None else "fraction of the optimum"
-            met = {
+            conditions = {
                 level: self.lowest >= self.kernel.level,
                 "settled return": self.share < self.kernel.settled and not self.unlearnt,
                 "agreement": self.agreement >= self.kernel.agreed and not self.unlearnt,
             }
-            return f"{' and '.join(name for name, holds in met.items() if holds)} reached"
+            return f"{' and '.join(name for name, holds in conditions.items() if holds)} reached"
         if self.step < self.rule.max_steps:
             return ""
         return UNLEARNT if self.unlearnt else ALL_STEPS
