@@ -261,7 +261,7 @@ def test_equal_seeds_agree_whatever_noise_wrappers_and_buffers_a_learner_has(lea
 
 
 class Parts(gymnasium.ObservationWrapper):
-    """CartPole's observation as a Dict with a number among its parts."""
+    """CartPole's observation as a Dict with a number, and a part that its space does not have."""
 
     def __init__(self, env):
         super().__init__(env)
@@ -269,7 +269,8 @@ class Parts(gymnasium.ObservationWrapper):
         self.observation_space = Dict({"x": box, "speed": box, "side": Discrete(2)})
 
     def observation(self, seen):
-        return {"x": seen[::2], "speed": seen[1::2], "side": int(seen[0] > 0)}
+        parts = {"x": seen[::2], "speed": seen[1::2], "side": int(seen[0] > 0)}
+        return parts | {"action_mask": np.ones(2)}
 
 
 def four(env):
@@ -279,7 +280,7 @@ def four(env):
 @pytest.mark.parametrize("algorithm", ["PPO", "DQN"])
 @pytest.mark.parametrize(("encode", "policy"), [(Parts, "MultiInputPolicy"), (four, "MlpPolicy")])
 def test_parts_and_frames_are_normalised_too(algorithm, encode, policy):
-    task = cr.observation_task("CartPole-v1", encode=encode)
+    task = cr.observation_task("CartPole-v1", encode=encode, time_limit=10)  # PPO reads the last
     settings = SMALL if algorithm == "PPO" else {"learning_starts": 20}
     learner = DeepLearner(algorithm, policy, envs=2, settings={**settings, "normalize": True})
     result = learn_deep(task, learner, 128, eval_freq=64)

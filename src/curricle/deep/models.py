@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+from gymnasium.spaces import Dict
+from gymnasium.wrappers import TransformObservation
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common import noise as action_noise, vec_env
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -116,7 +118,7 @@ def environments(
     task: ObservationTask, learner: DeepLearner, shaping: Shaping | None, *, processes: bool = False
 ) -> vec_env.VecEnv:
     """Return new sub-environments, with their rewards shaped where the shaping does so."""
-    makers = [lambda: Monitor(task.environment())] * learner.envs
+    makers = [lambda: _monitored(task)] * learner.envs
     kind: type[vec_env.VecEnv] = vec_env.SubprocVecEnv if processes else vec_env.DummyVecEnv
     phi = subtracted(shaping)
     venv = kind(makers) if phi is None else ShapedVecEnv(kind(makers), phi)
@@ -124,6 +126,17 @@ def environments(
         return venv
     settings: Any = {**learner.normal, "norm_obs": False, "gamma": task.discount}
     return vec_env.VecNormalize(venv, **settings)
+
+
+def _monitored(task: ObservationTask) -> Monitor:
+    """Return a new environment whose observations have the parts of their space and no others."""
+    environment = task.environment()
+    if isinstance(space := environment.observation_space, Dict):
+        # PPO looks up the space of each part of an observation at which an episode is cut off.
+        environment = TransformObservation(
+            environment, lambda observed: {key: observed[key] for key in space}, space
+        )
+    return Monitor(environment)
 
 
 def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
