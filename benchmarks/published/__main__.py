@@ -60,6 +60,8 @@ def larger(name: str, times: int) -> Iterator[str]:
         yield f"tasks.cells.arguments.times={times}"
         reads = f"worlds:room_at_{times}"
         yield f'transfers=[{{ source = "rooms", target = "cells", function = "{reads}" }}]'
+        if times > 2:  # exact evaluations of so many cells take longer than learning
+            yield "tasks.cells.eval_freq=15_000"
         return
     yield from (f'tasks."{task}".arguments.times={times}' for task in MAZES[name])
     yield f"threshold={0.98 * cr.solve(maze('maze', times=times)).start_value}"  # as theirs is
