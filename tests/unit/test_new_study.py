@@ -615,16 +615,18 @@ def test_observations_of_several_lengths_are_refused_with_a_way_out(robots):
         new_study("robots:Growing", robots)
 
 
-@pytest.mark.parametrize(("name", "steps"), [("short", 500), ("lasting", 3600)])
-def test_a_network_is_evaluated_in_about_as_many_steps_as_it_learns(
-    robots, monkeypatch, name, steps
+@pytest.mark.parametrize(("name", "steps", "usual"), [("short", 500, 40), ("lasting", 3600, 40)])
+def test_a_network_is_evaluated_in_fewer_steps_than_it_learns_unless_its_episodes_become_long(
+    robots, monkeypatch, name, steps, usual
 ):
     monkeypatch.setattr(f"{ENVIRONMENT}.Play.seconds_a_step", 1e-6)
     _, text, _ = new_study(f"robots:{name}", robots)
     target = tomllib.loads(text)["tasks"]["target"]
     checkpoints = target["budget"] // target["eval_freq"]
     assert checkpoints >= 5
-    assert checkpoints * target["evaluation"]["episodes"] * steps <= 1.2 * target["budget"]
+    episodes = checkpoints * target["evaluation"]["episodes"]
+    assert episodes * usual <= target["budget"]
+    assert target["budget"] < episodes * steps <= 3.6 * target["budget"]
 
 
 @pytest.mark.parametrize(("name", "checkpoints"), [("short", 4), ("lasting", 2)])
@@ -634,7 +636,7 @@ def test_a_network_of_slow_steps_is_evaluated_by_few_episodes(
     monkeypatch.setattr(f"{ENVIRONMENT}.Play.seconds_a_step", 1e-2)
     _, text, _ = new_study(f"robots:{name}", robots)
     target = tomllib.loads(text)["tasks"]["target"]
-    assert target["evaluation"]["episodes"] == 1
+    assert target["evaluation"]["episodes"] <= 3
     assert target["budget"] // target["eval_freq"] == checkpoints
 
 

@@ -59,6 +59,7 @@ from curricle.text import counted
 DISCOUNT = 0.99
 VAST = 100_000  # states of a live task, of which a trial meets few
 MOST_STEPS, LEAST_STEPS = 30_000, 2_000  # of a network
+MOST_EVALUATED = 20  # episodes of a checkpoint of a network
 SECONDS_A_SEED = 16.0  # that a network may take
 SECONDS_A_STEP = {False: 5e-4, True: 1e-2}  # of its learning, by whether it sees pictures
 # Settings with which networks learn in so few steps; those of Stable-Baselines3 are for a million.
@@ -201,7 +202,7 @@ def _study(
         if play.masks and play.told:
             notes.append("the network is not told which actions are available, and tries all")
         keys = _limit(env, play.limit) | fixed
-        return _of_network(name, recipe, env, notes, keys, play.seconds_a_step)
+        return _of_network(name, recipe, env, notes, keys, play)
 
     if not is_discrete(env.action_space):
         return by_network("its actions are no whole numbers")
@@ -446,9 +447,9 @@ def _of_network(
     env: Env[Any, Any],
     notes: list[str],
     keys: dict[str, Any],
-    seconds: float,
+    play: Play,
 ) -> tuple[str, list[str]]:
-    """Return a study that a network learns; a step of the environment takes `seconds`."""
+    """Return a study that a network learns."""
     observed, acting = env.observation_space, env.action_space
     _check_actions(name, acting)
     parts = [*observed.spaces.values()] if isinstance(observed, Dict) else [observed]
@@ -462,12 +463,15 @@ def _of_network(
     world: Any = env.unwrapped
     stated = world.max_steps if is_minigrid(env) else None
     longest = time_limit_of(env, stated) or keys.get("time_limit") or LIMIT
-    # Evaluation takes about as many steps as learning, or three episodes if these are longer.
-    most = int(SECONDS_A_SEED / (SECONDS_A_STEP[pictures] + 2 * seconds))
+    most = int(SECONDS_A_SEED / (SECONDS_A_STEP[pictures] + 2 * play.seconds_a_step))
     budget = min(max(most, LEAST_STEPS), MOST_STEPS)
     budget -= budget % _unit(budget)
     checkpoints = min(max(budget // longest, 2), 10)
-    episodes = min(max(budget // (checkpoints * longest), 1), 5)
+    # Evaluation takes about as many steps as learning, or two episodes if these are longer. Where
+    # random episodes are short it takes a quarter, and three times as many if learnt ones are long.
+    usual = np.count_nonzero(play.times) / play.times.count(0)
+    long, short = (int(budget / (checkpoints * steps)) for steps in (longest, 4 * usual))
+    episodes = max(1, min(long, 5), min(short, 3 * long, MOST_EVALUATED))
     notes.append(
         f"no easier relative was tried, as networks take long; {budget:,} steps are what minutes "
         "allow, and may be too few to learn anything"
