@@ -629,15 +629,21 @@ def test_a_network_is_evaluated_in_fewer_steps_than_it_learns_unless_its_episode
     assert target["budget"] < episodes * steps <= 3.6 * target["budget"]
 
 
-@pytest.mark.parametrize(("name", "checkpoints"), [("short", 4), ("lasting", 2)])
+@pytest.mark.parametrize(("name", "checkpoints", "episodes"), [("short", 4, 2), ("lasting", 2, 1)])
 def test_a_network_of_slow_steps_is_evaluated_by_few_episodes(
-    robots, monkeypatch, name, checkpoints
+    robots, monkeypatch, name, checkpoints, episodes
 ):
     monkeypatch.setattr(f"{ENVIRONMENT}.Play.seconds_a_step", 1e-2)
     _, text, _ = new_study(f"robots:{name}", robots)
     target = tomllib.loads(text)["tasks"]["target"]
-    assert target["evaluation"]["episodes"] <= 3
+    assert target["evaluation"]["episodes"] == episodes
     assert target["budget"] // target["eval_freq"] == checkpoints
+
+
+def test_a_network_is_studied_where_a_reset_takes_longer_than_the_play_may(robots, monkeypatch):
+    monkeypatch.setattr("curricle.interop.play.PLAYED", 0.0)  # no episode has a step
+    _, text, _ = new_study("robots:short", robots)
+    assert tomllib.loads(text)["tasks"]["target"]["evaluation"]["episodes"] >= 1
 
 
 def test_a_variant_that_misleads_is_left_out_and_starts_near_the_goal_stand_in(robots):

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from gymnasium.spaces import Dict
-from gymnasium.wrappers import TransformObservation
+from gymnasium.wrappers import FilterObservation
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common import noise as action_noise, vec_env
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -133,9 +133,7 @@ def _monitored(task: ObservationTask) -> Monitor:
     environment = task.environment()
     if isinstance(space := environment.observation_space, Dict):
         # PPO looks up the space of each part of an observation at which an episode is cut off.
-        environment = TransformObservation(
-            environment, lambda observed: {key: observed[key] for key in space}, space
-        )
+        environment = FilterObservation(environment, [*space])
     return Monitor(environment)
 
 

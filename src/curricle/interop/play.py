@@ -53,7 +53,17 @@ class Play:
     @property
     def seconds_a_step(self) -> float:
         """The seconds that a step takes, with its share of a reset."""
-        return self._seconds / max(1, int(np.count_nonzero(self.times)))
+        return self._seconds / self._steps
+
+    @property
+    def usual_steps(self) -> float:
+        """The mean steps of an episode."""
+        return self._steps / self.times.count(0)
+
+    @property
+    def _steps(self) -> int:
+        """The steps of all episodes; 1 if resets are so slow that none was taken."""
+        return max(1, int(np.count_nonzero(self.times)))
 
     def is_repeated_in(self, other: Env[Any, Any]) -> bool:
         """Return whether another environment of the class shows the same in the first episode."""

@@ -469,8 +469,8 @@ def _of_network(
     checkpoints = min(max(budget // longest, 2), 10)
     # Evaluation takes about as many steps as learning, or two episodes if these are longer. Where
     # random episodes are short it takes a quarter, and three times as many if learnt ones are long.
-    usual = np.count_nonzero(play.times) / play.times.count(0)
-    long, short = (int(budget / (checkpoints * steps)) for steps in (longest, 4 * usual))
+    lengths = longest, 4 * play.usual_steps
+    long, short = (int(budget / (checkpoints * steps)) for steps in lengths)
     episodes = max(1, min(long, 5), min(short, 3 * long, MOST_EVALUATED))
     notes.append(
         f"no easier relative was tried, as networks take long; {budget:,} steps are what minutes "
