@@ -1,13 +1,13 @@
-"""The study of miniatures: ten targets, eleven hard ones, and four that settings are chosen on.
+"""The study of miniatures: ten targets, two drawn, eleven hard, four that settings are chosen on.
 
     python -m benchmarks.networks.miniatures [--targets ...] [--seeds N] [--workers 2] [--out DIR]
 
 Each target's results are a study's: a stopped run goes on, and `curricle show` reads them. At the
-end the table of docs/networks.md is printed, of all targets in DIR. Its areas are mean returns over
+end the tables of docs/networks.md are printed, of all targets in DIR. Areas are mean returns over
 all steps, 60,000 and those of the miniatures' models, which come before the first return; gains are
-over the best opponent, and p is corrected for all ten targets (Holm). The steps and seconds
-that miniatures take are printed by `--price`, of hard targets (hard.toml, chain.toml) all
-checkpoints.
+over the best opponent, and p is corrected for all ten targets, or for both drawn (Holm). The steps
+and seconds that miniatures take are printed by `--price`, of hard targets (hard.toml, chain.toml)
+all checkpoints.
 
 Brackets are 95 % intervals over seeds; returns are undiscounted. Actions of actor-critics are drawn
 from their policy where observations hide a part of the state, DQN's are greedy.
@@ -15,7 +15,7 @@ from their policy where observations hide a part of the state, DQN's are greedy.
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +114,16 @@ TARGETS = {
     "swing": control("Pendulum-v1", 31, 4, SWING, SWING_QR),
 }
 """What is reported."""
+LOCKED = ", ".join(member("LockedRoom-v0", size=side) for side in (8, 10))
+DRAWN = {
+    "locked room": [
+        *level("LockedRoom-v0", seen="fetch"),
+        f"tasks.small.members=[{LOCKED}]",
+        "tasks.small.resets=3",
+    ],
+    "memory": level("MemoryS13Random-v0", "MemoryS7-v0", "MemoryS9-v0", seen="walk"),
+}
+"""Drawn by lot from MiniGrid's ids that no file here named, and played once."""
 
 
 def hard(changes: list[str], resets: int, steps: int, eval_freq: int, of_models: int) -> list[str]:
@@ -184,7 +194,7 @@ DEVELOPMENT = {
     "acrobot": control("Acrobot-v1", 15, 5, [], []),
 }
 """What settings are chosen on."""
-ALL = {**TARGETS, **HARD, **CHAINS, **DEVELOPMENT}
+ALL = {**TARGETS, **DRAWN, **HARD, **CHAINS, **DEVELOPMENT}
 FILES = dict.fromkeys(HARD, FILE.with_name("hard.toml"))
 FILES |= dict.fromkeys(CHAINS, FILE.with_name("chain.toml"))
 """The files of hard targets."""
@@ -205,11 +215,15 @@ def learned(results: StudyResults) -> None:
             print(f"{steps:>8,}{shown(returns):>24}")
 
 
-def rows(made: dict[str, StudyResults]) -> Iterator[tuple[str, ...]]:
-    """Yield a row of each target, with the verdict on its arm; p corrected for all TARGETS."""
+def rows(folder: Path, targets: Collection[str]) -> Iterator[tuple[str, ...]]:
+    """Yield a row of each target that a folder has, with the verdict on its arm.
+
+    p is corrected for all targets (Holm).
+    """
+    made = finished(folder, targets)
     comparisons = [results.comparison for results in made.values()]
     p_values = [comparison.contrasts[ARM].p for comparison in comparisons]
-    corrected = holm(p_values + [1.0] * (len(TARGETS) - len(made)))  # 1 where not yet played
+    corrected = holm(p_values + [1.0] * (len(targets) - len(made)))  # 1 where not yet played
     for target, comparison, p in zip(made, comparisons, corrected, strict=False):
         contrast, best = comparison.contrasts[ARM], comparison.best_opponent(ARM)
         areas = {short_name(arm): comparison.mean_return(arm) for arm in comparison.shown}
@@ -232,9 +246,9 @@ def short_name(arm: str) -> str:
     return arm.removeprefix(f"{SCRATCH}, ").removeprefix(f"{ARM}, ").replace(SCRATCH, "PPO")
 
 
-def finished(folder: Path) -> dict[str, StudyResults]:
+def finished(folder: Path, targets: Collection[str]) -> dict[str, StudyResults]:
     """Return the results of the targets of which a folder has all seeds."""
-    stored = [name for name in TARGETS if (folder / name / "results.parquet").exists()]
+    stored = [name for name in targets if (folder / name / "results.parquet").exists()]
     made = {name: StudyResults(folder / name) for name in stored}
     return {name: results for name, results in made.items() if not results.comparison.interim}
 
@@ -289,7 +303,8 @@ def main() -> None:
         if target in FILES:
             learned(results)
         print(price(study), flush=True)
-    print(markdown(HEADS, rows(finished(chosen.out))))
+    for targets in (TARGETS, DRAWN):
+        print(markdown(HEADS, rows(chosen.out, targets)))
 
 
 if __name__ == "__main__":
