@@ -106,6 +106,27 @@ def test_a_repeated_step_finds_a_counter_at_any_time_before_the_end():
 REFUSED = r"may have max_states, .* and take max_seconds, .*: by the first of its resets .*KeyDoor"
 
 
+class Hesitates(KeyDoor):
+    """Every other step, on average, leaves all as it is."""
+
+    def step(self, action):
+        return super().step(action) if self.np_random.integers(2) else (self.seen(), 0, 0, 0, {})
+
+
+def test_random_steps_are_estimated_and_each_is_charged():
+    doors = cr.observation_task(partial(Hesitates, "never"), discount=0.9, time_limit=LIMIT)
+    with pytest.raises(TaskError, match=r"steps must be deterministic .* or samples="):
+        miniatures(doors, resets=1).knowledge()
+    asked, estimated = Hesitates.asked, miniatures(doors, resets=1, samples=40)
+    (solved,), sure = estimated.solved, small("never", 1).solved[0]
+    assert estimated.cost == 40 * sure.table.record.transitions
+    assert Hesitates.asked - asked > 0.45 * estimated.cost  # those that do not hesitate
+    # An action moves after two steps on average: V = .5 (.9 V' + .9 V), V' one move nearer.
+    moves = np.round(np.log(sure.solution.start_value) / np.log(0.9))
+    expected = (0.5 / (1 - 0.5 * 0.9)) * (0.45 / (1 - 0.45)) ** moves
+    assert solved.solution.start_value == pytest.approx(expected, rel=0.25)
+
+
 def test_too_many_states_are_foreseen_from_the_first_reset():
     KeyDoor.asked = 0
     (member,) = small("nothing", 40).solved

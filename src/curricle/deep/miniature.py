@@ -146,8 +146,9 @@ class Miniatures(ObservationTask):
 
     @property
     def transitions(self) -> int:
-        """Steps in the small models, each action in each state once."""
-        return sum(member.table.record.transitions for member in self.solved)
+        """Steps in the small models, each action in each state once, or as often as is sampled."""
+        each = self.plan.samples or 1
+        return each * sum(member.table.record.transitions for member in self.solved)
 
     @property
     def cost(self) -> int:
@@ -162,6 +163,7 @@ def miniatures(
     max_states: int = MOST_STATES,
     max_seconds: float = MOST_SECONDS,
     state: object = None,
+    samples: int | None = None,
     charged: int = 1,
     tested_on: Sequence[ObservationTask] = (),
 ) -> Miniatures:
@@ -179,6 +181,9 @@ def miniatures(
     max_states, max_seconds, state : optional
         Limits of each member's table, and how its states are saved, as in :func:`tabulate`; but by
         default without counters of steps, which nothing else may depend on.
+    samples : int, optional
+        Steps from which each action's outcomes in each state are estimated where they are random;
+        as many are charged.
     held_out : float
         Share of levels to hold out, up to 0.9; at least one level of each member is not held out.
     charged : int
@@ -228,7 +233,8 @@ def miniatures(
     whole_number("resets of miniatures", resets, 1, TaskError)
     number("held_out of miniatures", held_out, TaskError, low=0, high=0.9)
     whole_number("charged of miniatures", charged, 0, TaskError)
-    plan = Plan(resets, state, max_states=max_states, max_seconds=max_seconds)
+    limits: Any = {"max_states": max_states, "max_seconds": max_seconds}
+    plan = Plan(resets, state, samples=samples, **limits)
     return Miniatures(
         first.make, first.discount, first.time_limit, tuple(members), tuple(tested_on), plan,
         held_out, charged,

@@ -361,6 +361,7 @@ DistilledTask = table_of(
     resets=Count,
     max_states=Count,
     max_seconds=Number,
+    samples=(Count | None, None),  # None is not stored
     charged=Whole,
 )
 
