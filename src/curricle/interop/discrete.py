@@ -14,7 +14,7 @@ from curricle.arrays import IntArray, frozen
 from curricle.checks import BEYOND_64_BITS
 from curricle.errors import SettingError
 from curricle.pictures.scenes import board
-from curricle.tasks.spaces import MISSING, Component, Space, entry_names
+from curricle.tasks.spaces import MISSING, Component, Space, entry_names, values_of
 
 Form = Literal["index", "components"]
 
@@ -86,8 +86,8 @@ class Point:
 
     def __call__(self, number: int) -> object:
         """Return the point of a number; arrays in it are read-only."""
-        values = space_of(self.space, "part").decode(number).values()
-        return _assembled(self.space, iter([int(value) for value in values]))
+        values = values_of(space_of(self.space, "part"), number)
+        return _assembled(self.space, iter(values.values()))
 
 
 def _parts(space: "Tuple[Any] | Dict") -> list[tuple[Any, gym.Space[Any]]]:

@@ -454,10 +454,10 @@ def with_names(space: Space, names: Sequence[str], sizes: object = None) -> Spac
 
 def has_table(env: gym.Env[Any, Any]) -> bool:
     """Return whether an environment has a transition table that describes it completely."""
-    while isinstance(env, gym.Wrapper):
-        if not acts_as(env, *HARMLESS) or (isinstance(env, StepLimit) and env.spec is None):
+    *wrappers, env = layers_of(env)
+    for layer in wrappers:
+        if not acts_as(layer, *HARMLESS) or (isinstance(layer, StepLimit) and layer.spec is None):
             return False
-        env = env.env
     states, actions, table = env.observation_space, env.action_space, getattr(env, "P", None)
     numbered = acts_as(env, *TOY_TEXT) and counts_from_0(states) and counts_from_0(actions)
     # A fickle passenger's taxi has moves that are not in its table.

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError, TaskError
 from curricle.interop.states import (
@@ -119,16 +118,13 @@ def _is_plain(value: object) -> bool:
     return all(map(_is_plain, value)) if isinstance(value, tuple) else isinstance(value, PLAIN)
 
 
-def _place(place: tuple[int, int] | IntArray | None) -> tuple[int, ...] | None:
-    """Return the coordinates of an object as MiniGrid first has them: a tuple, or None."""
-    return tuple(place.tolist()) if isinstance(place, np.ndarray) else place
+def _place(value: Any) -> Any:
+    """Return the coordinates of an object as MiniGrid first has them, a tuple; others as is."""
+    return tuple(value.tolist()) if isinstance(value, np.ndarray) else value
 
 
 def _items(thing: object) -> tuple[tuple[str, Any], ...]:
-    return tuple(
-        (name, tuple(value.tolist()) if isinstance(value, np.ndarray) else value)
-        for name, value in vars(thing).items()
-    )
+    return tuple((name, _place(value)) for name, value in vars(thing).items())
 
 
 PROBED = 300  # random steps that show whether a level has a state beside MiniGrid's own
@@ -244,8 +240,6 @@ class _View(Unseen, UserDict[str, Any]):
 
 class MiniGridAccess(StateAccess):
     """Saves states as tuples, and restores them into the same environment."""
-
-    copies = False
 
     def __init__(self, *, own_reward: bool):
         self.own_reward, self.hint = own_reward, "" if own_reward else TIME_HINT

@@ -277,8 +277,8 @@ class World:
     _undrawn: list[bytes] | None = None  # the generators' states, where nobody has drawn since
 
     def __post_init__(self) -> None:
-        views_apart = not self.access.copies
-        self.core, self.views, self.acts = core_and_views(self.env, views_apart=views_apart)
+        parts = core_and_views(self.env, views_apart=not self.access.copies)
+        self.core, self.views, self.acts = parts
         self.access.prepare(self.env)
 
     @property
@@ -401,16 +401,13 @@ def _rewind_clocks(env: Environment) -> None:
             layer._elapsed_steps = LONG_AGO  # type: ignore[assignment]
 
 
-class Layers(NamedTuple):
-    """The part of an environment that is stepped, and the wrappers apart from it."""
+def core_and_views(
+    env: Environment, *, views_apart: bool
+) -> tuple[Environment, list[Any], list[Any]]:
+    """Return the part of an environment that is stepped, and the wrappers apart from it.
 
-    core: Environment
-    views: list[gym.ObservationWrapper[Any, Any, Any]]  # from the innermost
-    acts: list[gym.ActionWrapper[Any, Any, Any]]  # from the outermost
-
-
-def core_and_views(env: Environment, *, views_apart: bool) -> Layers:
-    """Return the part of an environment that is stepped, and the wrappers apart from it."""
+    These are the wrappers of observations, from the innermost, and of actions, from the outermost.
+    """
     views, acts = list[Any](), list[Any]()
     while isinstance(env, gym.Wrapper):
         if views_apart and acts_as(env, gym.ObservationWrapper):
@@ -420,7 +417,7 @@ def core_and_views(env: Environment, *, views_apart: bool) -> Layers:
         elif not acts_as(env, *HARMLESS):
             break
         env = env.env
-    return Layers(env, views, acts)
+    return env, views, acts
 
 
 Listed = Callable[[Any, int], Sequence[tuple[float, Any, float, bool]]]

@@ -232,7 +232,7 @@ class Restored(NamedTuple):
 class StateAccess(ABC):
     """Saves and restores the states of one environment while it is tabulated."""
 
-    copies: bool  # whether each restored state has an environment of its own, with wrappers
+    copies = False  # whether each restored state has an environment of its own, with wrappers
     hint = ""  # another possible cause where a repeated step leads elsewhere
     note = ""  # how the tables differ from the environment
     witnessed = False  # whether a state that is met again must lead as it did before
@@ -406,7 +406,6 @@ class SaveAndRestore(StateAccess):
     save_state: Callable[[Any], Hashable]
     restore_state: Callable[[Any, Any], Any]
     generators: list[Generator] = field(default_factory=list)
-    copies = False
 
     def begin(self, env: Environment) -> None:
         """Find the random generators, wherever the environment can be read."""
