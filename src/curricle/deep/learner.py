@@ -304,6 +304,12 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
     _check_pictures(parts, learner)
 
 
+def is_picture(space: Any) -> bool:
+    """Return whether Stable-Baselines3 takes what a space holds for pictures, by itself."""
+    of_bytes = isinstance(space, Box) and len(space.shape) == 3 and space.dtype == np.uint8
+    return of_bytes and bool((space.low == 0).all() and (space.high == 255).all())
+
+
 def _check_pictures(parts: Mapping[str, Any], learner: DeepLearner) -> None:
     """Raise SettingError where the convolutions of Stable-Baselines3 cannot read a picture."""
     kwargs, policy = learner.settings.get("policy_kwargs") or {}, learner.policy
@@ -311,11 +317,8 @@ def _check_pictures(parts: Mapping[str, Any], learner: DeepLearner) -> None:
     if "features_extractor_class" in kwargs or ("" in parts and not whole):
         return
     for key, part in parts.items():
-        solid = isinstance(part, Box) and len(part.shape) == 3
-        # What Stable-Baselines3 takes for a picture, by itself.
-        picture = solid and part.dtype == np.uint8
-        picture = picture and bool((part.low == 0).all() and (part.high == 255).all())
-        if whole and not solid:
+        picture = is_picture(part)
+        if whole and not (isinstance(part, Box) and len(part.shape) == 3):
             raise SettingError(
                 f"{policy} reads a picture, a Box of three dimensions: got {stable_text(part)}; "
                 "MlpPolicy reads that"

@@ -21,7 +21,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Sp
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from curricle.curriculum.curriculum import SOURCES_SHARE
-from curricle.deep.learner import LEAST_SIDE
+from curricle.deep.learner import LEAST_SIDE, is_picture
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.discrete import is_discrete, space_of
 from curricle.interop.encoders import Bins, WholeNumbers
@@ -452,8 +452,9 @@ def _of_network(
     """Return a study that a network learns."""
     observed, acting = env.observation_space, env.action_space
     _check_actions(name, acting)
-    parts = [*observed.spaces.values()] if isinstance(observed, Dict) else [observed]
-    sides = [side for part in parts for side in _picture_sides(part)]
+    parts: Any = [*observed.spaces.values()] if isinstance(observed, Dict) else [observed]
+    # The shorter side of each picture, as the least are its channels.
+    sides = [sorted(part.shape)[1] for part in parts if is_picture(part)]
     view = {"encode": "MiniGridView"} if is_minigrid(env) else {}  # else its mission is a text
     if isinstance(observed, Dict) and not view and min(sides, default=LEAST_SIDE) < LEAST_SIDE:
         view = {"encode": "gymnasium.wrappers:FlattenObservation"}  # no convolution reads them
@@ -500,14 +501,6 @@ def _check_actions(name: str, acting: Space[Any]) -> None:
             f"actions must be numbered, or boxes of numbers, to be learnt: those of {name} are "
             f"{acting}; let step take a number that says which action is meant"
         )
-
-
-def _picture_sides(space: Space[Any]) -> list[int]:
-    """Return the shorter side of a space of pictures, none of another space."""
-    if not (isinstance(space, Box) and len(space.shape) == 3 and space.dtype == np.uint8):
-        return []
-    shorter = sorted(space.shape)[1]  # the least are its channels
-    return [shorter] if (space.low.max(), space.high.min()) == (0, 255) else []
 
 
 def _text(name: str, recipe: object, notes: list[str], filled: dict[str, Any]) -> str:
