@@ -102,10 +102,7 @@ class TrainedPolicy:
         It holds pickles: load your own files only, by ``PPO.load`` for instance. SAC's entropy
         coefficient is not kept and starts anew. StoreError when it cannot be written.
         """
-        file = local_file(path)
-        if not file.name.endswith(".zip"):
-            file = file.with_name(f"{file.name}.zip")
-        content = io.BytesIO()
+        file, content = local_file(path, ".zip"), io.BytesIO()
         self.model.save(content)
         write_in_folder(file, content.getvalue(), "a policy")
         return file

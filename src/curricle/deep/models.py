@@ -64,16 +64,15 @@ def model_for(
         settings["action_noise"] = noise(mean, mean + settings["noise_std"])
     for name in NOT_ARGUMENTS:
         settings.pop(name, None)
+    kwargs = dict(settings.get("policy_kwargs") or {})  # a copy, which algorithms may change
     normalizes = learner.normalizes("norm_obs"), learner.normalizes("norm_reward")
     if any(normalizes):
-        kwargs = dict(settings.get("policy_kwargs") or {})
         of_kind = {"features_extractor_class", "features_extractor_kwargs"}
         inner = {name.removeprefix("features_"): kwargs.pop(name) for name in of_kind & {*kwargs}}
         if learner.policy.startswith("Cnn"):
             inner.setdefault("extractor_class", NatureCNN)
         inner["epsilon"] = learner.normal.get("epsilon", 1e-8) if normalizes[0] else None
         kwargs |= {"features_extractor_class": Standardized, "features_extractor_kwargs": inner}
-        settings["policy_kwargs"] = kwargs
     policy: str | type = learner.policy
     off_policy, kl = "buffer_size" in learner.takes, getattr(shaping, "kl", 0.0)
     if off_policy and steps is not None:
@@ -81,8 +80,9 @@ def model_for(
         settings["buffer_size"] = max(min(size, steps), learner.envs)
     if shaping is not None and shaping.starts_at_potential:
         policy = residual_policy(algorithm, learner.policy)
-        kwargs = settings.get("policy_kwargs") or {}
-        settings["policy_kwargs"] = {**kwargs, "potential": shaping.potential}
+        kwargs["potential"] = shaping.potential
+    if kwargs:
+        settings["policy_kwargs"] = kwargs
     guide = None  # the action values that an off-policy learner acts on at first
     if isinstance(shaping, PolicyReuse) and off_policy and shaping.potential.of_actions:
         guide, algorithm = shaping.potential, reusing(algorithm)
@@ -288,7 +288,7 @@ class Recorder(BaseCallback):
         self._standardized = [*Standardized.of(self.model.policy)]
         if self.run.limits[0] > self.run.longest:  # the budget is in episodes
             self.model._update_current_progress_remaining = self._count_episodes
-        self._record(self._evaluation(0))
+        self.reach()
 
     def _count_episodes(self, *_: int) -> None:
         """Set the share of the budget that is left, which schedules follow."""
@@ -314,24 +314,24 @@ class Recorder(BaseCallback):
         """Record the checkpoints reached; return whether the stopping rule ends the run there."""
         last = min(self.steps // self.run.eval_freq, len(self.record.greedy_return) - 1)
         while self.checkpoint <= last:
-            if self._record(self._evaluation(self.checkpoint)):
+            if self._record():
                 return True
         return False
 
-    def _evaluation(self, number: int) -> float:
-        """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
+    def _evaluation(self) -> float:
+        """Return the policy's mean return at the checkpoint; NaN if evaluation is off."""
         if (played := self.environments) is None:
             return float("nan")
-        seed, evaluation = splitmix64(self.start ^ (number + 1)), self.run.evaluation
+        seed, evaluation = splitmix64(self.start ^ (self.checkpoint + 1)), self.run.evaluation
         actor = acting(self.values.policy, played.environments, sampled=evaluation.sampled)
         with isolated(seed=seed):
             episodes = played.rollouts(actor, seed)
         self.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
         return mean_episode_return(episodes, evaluation.discount(self.run.task))
 
-    def _record(self, greedy: float) -> bool:
-        """Record a checkpoint and return whether the stopping rule ends the run there."""
-        step = self.checkpoint * self.run.eval_freq
+    def _record(self) -> bool:
+        """Record the checkpoint and return whether the stopping rule ends the run there."""
+        step, greedy = self.checkpoint * self.run.eval_freq, self._evaluation()
         ended = len(self.returns), float(np.sum(self.returns))
         reached = Checkpoint(self.checkpoint, step, self.episodes, *ended, greedy, np.nan, np.nan)
         self.returns.clear()

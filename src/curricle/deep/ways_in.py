@@ -385,8 +385,7 @@ def begin_near(model: BaseAlgorithm, kl: float) -> None:
             policy.reset_noise(model.n_envs)  # noise that depends on parameters cannot be copied
     source = deepcopy(policy)
     source.set_training_mode(False)
-    for parameter in source.parameters():
-        parameter.requires_grad_(requires_grad=False)
+    source.requires_grad_(requires_grad=False)
     # Not as a part of the policy: it is neither learnt nor saved with it.
     object.__setattr__(policy, "source", source)
     policy.kl_weight = model.kl = kl
