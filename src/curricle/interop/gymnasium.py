@@ -334,8 +334,7 @@ def maker_of(
             f"an environment that is already made takes no arguments: got {', '.join(arguments)}"
         )
     source = environment.spec if isinstance(environment, gym.Env) else environment
-    has_spec = isinstance(environment, gym.Env) or isinstance(source, str | EnvSpec)
-    if not has_spec and not callable(source):
+    if not (isinstance(environment, gym.Env | str | EnvSpec) or callable(source)):
         raise TaskError(
             "an environment must be an id, a specification, a gymnasium.Env, or a class or "
             f"function that makes one: got {source!r}"
