@@ -69,7 +69,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not():
 def test_states_that_look_alike_get_their_mean(form):
     seen = np.array([[0.0], [0.0], [0.0], [1.0]], np.float32)
     q = np.array([[1.0, 0.0], [3.0, 0.0], [0.0, 5.0], [0.0, 2.0]])
-    known = Knowledge.of(form(seen), q)
+    known = Knowledge.of(form(seen), q, np.eye(2)[[0, 0, 1, 1]])
     parts = known.observations
     assert (parts["a"] if isinstance(parts, dict) else parts).tolist() == [[0.0], [1.0]]
     assert known.states.tolist() == [3, 1]
@@ -92,6 +92,6 @@ def test_shuffled_answers_are_the_same_answers_of_others():
 
 def test_knowledge_of_other_actions_or_learners_is_refused():
     _, observed, known, *_ = solved_maze()
-    few = Knowledge.of(known.observations, np.asarray(known.action_values)[:, :2])
+    few = Knowledge.of(known.observations, known.action_values[:, :2], known.policy[:, :2])
     with pytest.raises(cr.errors.SettingError, match=r"actions, Discrete\(4\): got 2"):
         distil(few, observed, DeepLearner("PPO"))

@@ -108,7 +108,7 @@ def test_what_an_observation_does_not_decide_is_not_read_by_it():
     with pytest.raises(PotentialError, match="without memory"):
         recurrent.values[0].v(seen)
     assert np.isfinite(masked.values[0].v(seen)).all()
-    known = Knowledge.of(seen, np.eye(3, 5))
+    known = Knowledge.of(seen, np.eye(3, 5), np.eye(3, 5))
     for task, learner in ((DRIFTING, RECURRENT), (FORBIDDING, MASKABLE)):
         with pytest.raises(SettingError, match="without memory or masks"):
             distil(known, task, learner)

@@ -16,7 +16,7 @@ from curricle.errors import TaskError
 from curricle.interop.play import without_counters
 from curricle.interop.tabulated_task import TabulatedTask, assembled, parts_of
 from curricle.interop.tabulation import MOST_SECONDS, Plan, tabulate
-from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
+from curricle.planning.solution import Solution, evaluate, solve
 from curricle.tasks.graph import edges_of
 from curricle.tasks.observation_task import ObservationTask, made_by
 from curricle.text import brief_repr
@@ -45,13 +45,10 @@ class Knowledge(Frozen):
         object.__setattr__(self, "states", adopted(self.states, np.int64))
 
     @classmethod
-    def of(
-        cls, observations: object, action_values: FloatArray, policy: FloatArray | None = None
-    ) -> Self:
-        """Return the knowledge in action values (S, A) of S observations, by default greedy."""
-        q = np.asarray(action_values, np.float64)
-        chosen = greedy_policy(q) if policy is None else np.asarray(policy)
-        return cls._merged(observations, q.max(axis=1), q, chosen, np.ones(len(q), int))
+    def of(cls, observations: object, action_values: FloatArray, policy: FloatArray) -> Self:
+        """Return the knowledge in action values and a policy, (S, A) each, of S observations."""
+        q, states = np.asarray(action_values, np.float64), np.ones(len(action_values), int)
+        return cls._merged(observations, q.max(axis=1), q, np.asarray(policy), states)
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
