@@ -139,17 +139,15 @@ class Coding:
             Discrete(space.size) if form == "index" else MultiDiscrete(list(space.shape))
         )
         self._number = Number(self.gym_space)
-        self._rows: IntArray | None = None
-        if not space.is_box:
-            self._rows = space.points - [component.low for component in space.components]
+        self._lows = np.array([component.low for component in space.components])
 
     def coded(self, point: int) -> int | IntArray:
         """Return a point in Gymnasium's space: an int, or an int64 array."""
         if self.form == "index":
             return point
-        if self._rows is not None:
-            return np.array(self._rows[point])
-        return np.array(np.unravel_index(point, self.space.shape))
+        if self.space.is_box:
+            return np.array(np.unravel_index(point, self.space.shape))
+        return np.asarray(self.space.points[point] - self._lows)
 
     def number(self, point: object) -> int:
         """Return the number of a box's point in Gymnasium's space."""
