@@ -50,8 +50,8 @@ class Level:
         }
         self.plain = [name for name, value in self.constants.items() if _is_plain(value)]
         self.values_of_plain = itemgetter(*self.plain, "mission")
-        self.referring = [*(self.constants.keys() - {*self.plain, "grid"})]
-        self.first_referred = [self.constants[name] for name in self.referring]
+        other = self.constants.keys() - {*self.plain, "grid"}
+        self.referred = {name: self.constants[name] for name in other}
         # The different objects in cells and in boxes, in the order of the cells.
         things = dict[int, Any]()
         for thing in env.grid.grid:
@@ -85,9 +85,9 @@ class Level:
 
     def rebound(self, attributes: dict[str, Any]) -> str:
         """Return the name of an attribute, not plain, that steps have given another value."""
-        if all(map(is_, map(attributes.get, self.referring), self.first_referred)):
+        if all(map(is_, map(attributes.get, self.referred), self.referred.values())):
             return ""
-        for name, first in zip(self.referring, self.first_referred, strict=True):
+        for name, first in self.referred.items():
             value = attributes.get(name)
             if value is not first and fingerprint(value) != self.first_digests[name]:
                 return name
