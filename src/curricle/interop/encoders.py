@@ -6,7 +6,7 @@ All are frozen dataclasses: equal settings are equal encoders, with the same tex
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -23,7 +23,7 @@ from curricle.tasks.observation_task import stable_text
 from curricle.tasks.spaces import Component, Space
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Bins:
     """Encoder that sorts each of an observation's n numbers into the bins of a component.
 
@@ -49,13 +49,14 @@ class Bins:
     'position=-0.5 and above velocity=below -0.01'
     """
 
-    edges: Mapping[str, npt.ArrayLike]
-    _inner: list[tuple[float, ...]] = field(init=False, repr=False)  # edges between two bins
+    edges: Mapping[str, npt.ArrayLike] = field(hash=False)
+    states: Space = field(init=False, repr=False)  # all combinations of bins
+    _inner: list[tuple[float, ...]] = field(init=False, repr=False, hash=False)  # between two bins
 
     def __post_init__(self) -> None:
         if not isinstance(self.edges, Mapping) or not self.edges:
             raise TaskError(f"bins need a dict from names to edges: got {self.edges!r}")
-        checked = dict[str, tuple[float, ...]]()
+        checked, components = dict[str, tuple[float, ...]](), list[Component]()
         for name, edges in self.edges.items():
             array = numbers(f"the edges of {name!r}", edges, TaskError)
             if array.ndim != 1 or array.size < 2 or not (np.diff(array) > 0).all():
@@ -63,21 +64,16 @@ class Bins:
                     f"edges must be two or more ascending numbers: {name!r} has {array.tolist()}"
                 )
             checked[str(name)] = tuple(array.tolist())
-        object.__setattr__(self, "edges", checked)
-        object.__setattr__(self, "_inner", [edges[1:-1] for edges in checked.values()])
-
-    @cached_property
-    def states(self) -> Space:
-        """The space of all combinations of bins."""
-        components = list[Component]()
-        for name, inner in zip(self.edges, self._inner, strict=True):
+        for name, (_, *inner, _) in checked.items():
             shown = [f"{edge:g}" for edge in inner]
             if len(set(shown)) < len(shown):
                 shown = [repr(edge) for edge in inner]
             between = [f"{low} to {high}" for low, high in pairwise(shown)]
             labels = [f"below {shown[0]}", *between, f"{shown[-1]} and above"] if inner else ["any"]
             components.append(Component(name, len(labels), labels=tuple(labels)))
-        return Space(components)
+        object.__setattr__(self, "edges", checked)
+        object.__setattr__(self, "states", Space(components))
+        object.__setattr__(self, "_inner", [edges[1:-1] for edges in checked.values()])
 
     def __call__(self, observation: FloatTable) -> int:
         """Return the number of the state that an observation, (n,) float, falls into."""
@@ -98,12 +94,6 @@ class Bins:
             )
         bins = map(partial(np.searchsorted, side="right"), self._inner, values.T)
         return self.states.encode(**dict(zip(self.edges, bins, strict=True)))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Bins) and [*self.edges.items()] == [*other.edges.items()]
-
-    def __hash__(self) -> int:
-        return hash(tuple(self.edges.items()))
 
 
 @dataclass(frozen=True)
