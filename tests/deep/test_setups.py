@@ -56,6 +56,14 @@ def test_a_file_of_the_zoo_is_read_as_it_is():
     assert kwargs == {"log_std_init": -2, "net_arch": {"pi": [8], "vf": [8, 4]}}
 
 
+@pytest.mark.parametrize("kwargs", [{}, {"net_arch": [8]}])
+def test_an_algorithm_that_adds_to_its_policy_kwargs_leaves_the_learners_as_they_are(kwargs):
+    learner = DeepLearner("A2C", settings={"policy_kwargs": dict(kwargs)})
+    model = models.model_for(CART, learner)
+    assert model.policy_kwargs["optimizer_class"] is torch.optim.RMSprop
+    assert learner.settings == {"policy_kwargs": kwargs}
+
+
 @pytest.mark.parametrize(
     ("said", "settings"),
     [

@@ -81,7 +81,7 @@ def model_for(
     if shaping is not None and shaping.starts_at_potential:
         policy = residual_policy(algorithm, learner.policy)
         kwargs["potential"] = shaping.potential
-    if kwargs:
+    if kwargs or "policy_kwargs" in settings:
         settings["policy_kwargs"] = kwargs
     guide = None  # the action values that an off-policy learner acts on at first
     if isinstance(shaping, PolicyReuse) and off_policy and shaping.potential.of_actions:
