@@ -400,23 +400,18 @@ def alike(tables: Tables, observations: ObservationTable, n_actions: int) -> Int
     """Return each state's block in the coarsest bisimulation (Givan, Dean, Greig 2003), (S,)."""
     parts = [part.reshape(len(part), -1) for part in observations.parts.values()]
     looks = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
-    blocks = _in_order(numbered_rows(np.column_stack([*looks, tables.terminal])))
+    blocks = numbered_rows(np.column_stack([*looks, tables.terminal]))
     different, rewards = np.unique(tables.reward, return_inverse=True)
     while True:
         outcomes = blocks[tables.next_state] * len(different) + rewards.reshape(tables.reward.shape)
         after, chance = merged_outcomes(outcomes, tables.probability)
         bits = chance.round(12).view(np.int64)  # equal where the rounded chances are
         pairs = numbered_rows(np.column_stack([after, bits])).reshape(-1, n_actions)
-        finer = _in_order(numbered_rows(np.column_stack([blocks, pairs])))
+        finer = numbered_rows(np.column_stack([blocks, pairs]))
         if finer.max() == blocks.max():
-            return finer
+            first = np.unique(finer, return_index=True)[1]
+            return np.argsort(np.argsort(first))[finer]  # in the order in which they appear
         blocks = finer
-
-
-def _in_order(labels: IntArray) -> IntArray:
-    """Return labels renumbered in the order in which they first appear."""
-    _, first, which = np.unique(labels, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[which.reshape(-1)]
 
 
 # -- names ----------------------------------------------------------------------------------------
