@@ -86,8 +86,11 @@ class Point:
 
     def __call__(self, number: int) -> object:
         """Return the point of a number; arrays in it are read-only."""
-        values = values_of(space_of(self.space, "part"), number)
-        return _assembled(self.space, iter(values.values()))
+        return _assembled(self.space, iter(values_of(self._points, number).values()))
+
+    @cached_property
+    def _points(self) -> Space:
+        return space_of(self.space, "part")
 
 
 def _parts(space: "Tuple[Any] | Dict") -> list[tuple[Any, gym.Space[Any]]]:
