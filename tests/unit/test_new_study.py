@@ -29,7 +29,7 @@ class Robot(gym.Env):
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.row = self.column = self.steps = 0
-        return np.array([self.row, self.column]), {}
+        return self.shown(np.array([self.row, self.column])), {}
 
     def step(self, action):
         self.steps += 1
@@ -40,7 +40,10 @@ class Robot(gym.Env):
         self.column = min(max(self.column + right, 0), self.size - 1)
         over = self.row == self.column == self.size - 1
         late = self.steps >= self.max_steps
-        return np.array([self.row, self.column]), float(over), over, late, {}
+        return self.shown(np.array([self.row, self.column])), float(over), over, late, {}
+
+    def shown(self, at):
+        return at
 
 
 class Icy(Robot):
@@ -53,13 +56,6 @@ class Labelled(Icy):
         super().__init__(slippery, size)
         numbers = {"row": size, "column": size, "area": size**2 + 1}
         self.observation_space = spaces.Dict({n: spaces.Discrete(k) for n, k in numbers.items()})
-
-    def reset(self, *, seed=None, options=None):
-        return self.shown(super().reset(seed=seed)[0]), {}
-
-    def step(self, action):
-        at, *rest = super().step(action)
-        return self.shown(at), *rest
 
     def shown(self, at):  # in another order than that of the space
         return {"row": int(at[0]), "column": int(at[1]), "area": self.size**2}
@@ -114,9 +110,8 @@ class Faulty(Robot):
 
 
 class Late(Robot):
-    def step(self, action):
-        at, *rest = super().step(action)
-        return at - 9, *rest
+    def shown(self, at):
+        return at - 9 * (self.steps > 0)
 
 
 class Patient(Robot):
@@ -153,12 +148,8 @@ class Scaled(Robot):  # its observations are fractions of few values
         super().__init__(size)
         self.observation_space = spaces.Box(0, 1, (2,), dtype=np.float32)
 
-    def reset(self, *, seed=None, options=None):
-        return np.float32(super().reset(seed=seed)[0] / self.size), {}
-
-    def step(self, action):
-        at, *rest = super().step(action)
-        return np.float32(at / self.size), *rest
+    def shown(self, at):
+        return np.float32(at / self.size)
 
 
 class Drifting(gym.Env):  # between two walls, the goal at the right one; it never stands still
@@ -215,9 +206,8 @@ class Rover(Tired):  # whose episodes of random actions all end by its battery
 
 
 class Leaving(Robot):
-    def step(self, action):
-        at, *rest = super().step(action)
-        return at + 9 * (self.steps > 5), *rest
+    def shown(self, at):
+        return at + 9 * (self.steps > 5)
 
 
 class Older(Robot):
@@ -244,15 +234,7 @@ class Blurred(Drawn):
         super().__init__(seed)
         self.observation_space = spaces.Box(0, 9, (5,), np.float64)
 
-    def reset(self, *, seed=None, options=None):
-        at, info = super().reset(seed=seed)
-        return self.blurred(at), info
-
-    def step(self, action):
-        at, *rest = super().step(action)
-        return self.blurred(at), *rest
-
-    def blurred(self, at):
+    def shown(self, at):
         return np.array([*at, *self.np_random.random(3)])
 
 
@@ -271,12 +253,8 @@ class Vast(Robot):  # random, with more states than are found in time
         super().__init__(size, slippery=True)
         self.observation_space = spaces.Box(0, size, (2,), dtype=np.float32)
 
-    def reset(self, *, seed=None, options=None):
-        return np.float32(super().reset(seed=seed)[0]), {}
-
-    def step(self, action):
-        at, *rest = super().step(action)
-        return np.float32(at), *rest
+    def shown(self, at):
+        return np.float32(at)
 
 
 class Spelt(Robot):  # so that a table of all that its numbers can say would be vast
@@ -284,14 +262,7 @@ class Spelt(Robot):  # so that a table of all that its numbers can say would be 
         super().__init__()
         self.observation_space = spaces.Box(0, 2, (18,), dtype=np.int8)
 
-    def reset(self, *, seed=None, options=None):
-        return self.spelt(super().reset(seed=seed)[0]), {}
-
-    def step(self, action):
-        at, *rest = super().step(action)
-        return self.spelt(at), *rest
-
-    def spelt(self, at):
+    def shown(self, at):
         return np.int8([number // 3**digit % 3 for number in at for digit in range(9)])
 
 
@@ -300,8 +271,8 @@ class Short(Spelt):
         super().__init__()
         self.observation_space = spaces.Box(0, 2, (14,), dtype=np.int8)
 
-    def spelt(self, at):
-        return super().spelt(at)[[*range(7), *range(9, 16)]]
+    def shown(self, at):
+        return super().shown(at)[[*range(7), *range(9, 16)]]
 
 
 class Needy(Robot):
@@ -331,12 +302,8 @@ class Worded(Robot):
         super().__init__()
         self.observation_space = spaces.Dict(at=self.observation_space, word=spaces.Text(9))
 
-    def reset(self, *, seed=None, options=None):
-        return {"at": super().reset(seed=seed)[0], "word": "go"}, {}
-
-    def step(self, action):
-        at, *rest = super().step(action)
-        return {"at": at, "word": "go"}, *rest
+    def shown(self, at):
+        return {"at": at, "word": "go"}
 
 
 class Growing(Pushed):  # observations of several lengths, and a counter of steps
@@ -344,12 +311,8 @@ class Growing(Pushed):  # observations of several lengths, and a counter of step
         super().__init__()
         self.observation_space = spaces.Sequence(spaces.Discrete(3))
 
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        return (1,), {}
-
-    def step(self, action):
-        return (1,) * (self.steps % 3), *super().step(action)[1:]
+    def shown(self, at):
+        return (1,) * ((self.steps + 1) % 3)
 
 
 class Endless(Vast):
@@ -365,14 +328,7 @@ class Boards(Pushed):  # a number beside a picture that is too small for convolu
         board = spaces.Box(0, 255, (8, 8, 2), np.uint8)
         self.observation_space = spaces.Dict(board=board, battery=spaces.Box(0, 1, (1,)))
 
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        return self.shown(), {}
-
-    def step(self, action):
-        return self.shown(), *super().step(action)[1:]
-
-    def shown(self):
+    def shown(self, at):
         return {"board": np.zeros((8, 8, 2), np.uint8), "battery": np.ones(1, np.float32)}
 
 
@@ -391,6 +347,17 @@ class Lamps(gym.Env):
 def robots(tmp_path):
     (tmp_path / "robots.py").write_text(OWN)
     return tmp_path
+
+
+def plan_of(folder, file, text):
+    """Return the only curriculum of a study, whose file is written into a folder."""
+    (folder / file).write_text(text)
+    return next(iter(read_study(folder / file).curricula.values()))
+
+
+def target_of(text):
+    """Return what a study's file says of its target."""
+    return tomllib.loads(text)["tasks"]["target"]
 
 
 def allow(monkeypatch, seconds):
@@ -420,10 +387,26 @@ def test_a_class_of_ones_own_is_tabulated_and_easier_variants_are_proposed(curri
     assert StudyResults(robots / "Robot-results").comparison.verdicts
 
 
-def test_a_class_with_more_observations_than_have_numbers_is_tabulated(robots):
-    _, text, notes = new_study("robots:Lamps", robots)
-    assert any("tabulated: 2 states" in note for note in notes), notes
-    assert 'type = "tabulated"' in text
+PROPOSED = [  # of each class what is noted, what its study has, and what neither has
+    # more observations than have numbers
+    ("Lamps", "tabulated: 2 states", 'type = "tabulated"', None),
+    # a record of what was done and a pickled constructor are no part of a state
+    ("Recorded", "tabulated: 36 states", 'observed = ["row", "column"]', None),
+    # random numbers that all code shares follow the seed
+    ("Gusty", "tabulated: 36 states", "samples = 30", "two resets with one seed"),
+    # masks that observations do not tell are left out
+    ("Hinted", "observations do not tell which actions are available", "", "action_masks"),
+    # fractions of few values
+    ("Scaled", "tabulated: 36 states", 'type = "tabulated"', None),
+]
+
+
+@pytest.mark.parametrize(("name", "note", "there", "nowhere"), PROPOSED)
+def test_what_a_class_keeps_shows_and_draws_is_noted(robots, name, note, there, nowhere):
+    _, text, notes = new_study(f"robots:{name}", robots)
+    assert notes[0].startswith(note), notes
+    assert there in text
+    assert not nowhere or nowhere not in text + str(notes)
 
 
 def test_a_random_class_is_sampled_with_names_of_its_attributes(robots):
@@ -434,40 +417,20 @@ def test_a_random_class_is_sampled_with_names_of_its_attributes(robots):
     assert 'observed = ["row", "column"]' in text
     assert "samples = 30" in text
     assert any("easier with slippery = false" in note for note in notes), notes
-    (robots / file).write_text(text)
-    plan = next(iter(read_study(robots / file).curricula.values()))
+    plan = plan_of(robots, file, text)
     assert plan.tasks["target"].states.names == ("row", "column")
 
 
 def test_a_dict_names_its_numbers(robots):
     file, text, _ = new_study("robots:Labelled", robots)
     assert "observed = []" in text
-    (robots / file).write_text(text)
-    plan = next(iter(read_study(robots / file).curricula.values()))
+    plan = plan_of(robots, file, text)
     assert plan.tasks["target"].states.names == ("row", "column")  # the area is always the same
-
-
-def test_a_record_of_what_was_done_and_a_pickled_constructor_are_no_part_of_a_state(robots):
-    _, text, notes = new_study("robots:Recorded", robots)
-    assert "tabulated: 36 states" in notes[0], notes
-    assert 'observed = ["row", "column"]' in text
 
 
 def test_a_battery_that_falls_with_each_step_is_no_clock(robots):
     _, text, _ = new_study("robots:Rover", robots)
     assert text.count("time_limit = 80") == text.count("[tasks.")
-
-
-def test_an_observation_outside_of_its_space_is_refused_wherever_it_is_met(robots):
-    with pytest.raises(TaskError, match=r"must lie in the .*observation_space, Box\(.*: got"):
-        new_study("robots:Leaving", robots)
-
-
-def test_random_numbers_that_all_code_shares_follow_the_seed(robots):
-    _, text, notes = new_study("robots:Gusty", robots)
-    assert "tabulated: 36 states" in notes[0], notes
-    assert not any("two resets with one seed" in note for note in notes)
-    assert "samples = 30" in text
 
 
 def test_a_class_of_an_older_api_is_played(curricle, robots):
@@ -488,13 +451,7 @@ def test_what_a_constructor_draws_is_fixed_for_a_network_too(robots, monkeypatch
         monkeypatch.setattr(f"{ENVIRONMENT}.{name}", 0.0)
     _, text, notes = new_study("robots:Blurred", robots)
     assert any(note.startswith("learnt by a network") for note in notes), notes
-    assert tomllib.loads(text)["tasks"]["target"]["arguments"] == {"seed": 0}
-
-
-def test_masks_that_observations_do_not_tell_are_left_out(robots):
-    _, text, notes = new_study("robots:Hinted", robots)
-    assert "observations do not tell which actions are available" in notes[0]
-    assert "action_masks" not in text
+    assert target_of(text)["arguments"] == {"seed": 0}
 
 
 def test_whole_numbers_in_a_box_of_floats_are_states(robots, monkeypatch):
@@ -502,15 +459,8 @@ def test_whole_numbers_in_a_box_of_floats_are_states(robots, monkeypatch):
     file, text, notes = new_study("robots:Vast", robots)
     assert any("its numbers are sorted into" in note for note in notes), notes
     assert 'type = "WholeNumbers"' in text
-    (robots / file).write_text(text)
-    plan = next(iter(read_study(robots / file).curricula.values()))
+    plan = plan_of(robots, file, text)
     assert [part.low for part in plan.tasks["target"].states.components] == [0, 0]
-
-
-def test_fractions_of_few_values_are_tabulated(robots):
-    _, text, notes = new_study("robots:Scaled", robots)
-    assert notes[0].startswith("tabulated: 36 states")
-    assert 'type = "tabulated"' in text
 
 
 def test_a_few_numbers_are_binned_and_a_live_relative_is_scored_by_returns(robots, monkeypatch):
@@ -521,10 +471,9 @@ def test_a_few_numbers_are_binned_and_a_live_relative_is_scored_by_returns(robot
     assert "its numbers are sorted into 20 states" in notes[1]
     assert any("easier with length = 12.0" in note for note in notes), notes
     assert "mean return of its first 2,000 steps, in each of 3 seeds" in text
-    (robots / file).write_text(text)
-    plan = next(iter(read_study(robots / file).curricula.values()))
+    plan = plan_of(robots, file, text)
     assert plan.tasks["target"].states == plan.tasks["length_12_0"].states
-    edges = cr.interop.Bins(tomllib.loads(text)["tasks"]["target"]["encode"]["edges"])
+    edges = cr.interop.Bins(target_of(text)["encode"]["edges"])
     assert plan.tasks["target"].states == edges.states
 
 
@@ -538,7 +487,7 @@ def test_the_learners_of_a_study_fit_its_tables(curricle, robots, monkeypatch):
     assert code == 0, complaint
     # 12 million pairs would fit into dense tables, which take a hundred times the memory.
     _, text, _ = new_study("robots:Short", robots)
-    assert tomllib.loads(text)["tasks"]["target"]["storage"] == {"kind": "sparse"}
+    assert target_of(text)["storage"] == {"kind": "sparse"}
     # What is too slow to be tried, and vast, is for a network.
     monkeypatch.setattr(f"{ENVIRONMENT}.QUICK", math.inf)
     _, text, notes = new_study("robots:Spelt", robots)
@@ -547,35 +496,41 @@ def test_the_learners_of_a_study_fit_its_tables(curricle, robots, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("error", "name", "said"),
     [
-        ("Patient", r"must return .*: got .*; .*shimmy"),
-        ("Faulty", r"robots:Faulty failed: .*\(raised in step of robots.py, line \d+\)"),
-        ("Late", r"must lie in the .*observation_space, Box\(.*: got array\(\[-"),
-        ("Astray", r"must lie in the .*observation_space, Box\(.*: got array\(\[9, 0\]"),
-        ("Needy", "1 required positional argument: 'size'; give its arguments defaults, or name a"),
-        ("Robots", "robots has no Robots to call, did you mean 'Robot'"),
+        (TaskError, "Patient", r"must return .*: got .*; .*shimmy"),
+        (
+            ConfigError,
+            "Faulty",
+            r"robots:Faulty failed: .*\(raised in step of robots.py, line \d+\)",
+        ),
+        (TaskError, "Late", r"must lie in the .*observation_space, Box\(.*: got array\(\[-"),
+        (TaskError, "Astray", r"must lie in the .*observation_space, Box\(.*: got array\(\[9, 0\]"),
+        (TaskError, "Leaving", r"must lie in the .*observation_space, Box\(.*: got"),
+        (ConfigError, "Growing", r"of a deep learner must be a Box, .*encode="),
+        (
+            ConfigError,
+            "Needy",
+            "1 required positional argument: 'size'; give its arguments defaults, or name a",
+        ),
+        (ConfigError, "Robots", "robots has no Robots to call, did you mean 'Robot'"),
     ],
 )
-def test_what_cannot_be_studied_is_refused_in_a_sentence(robots, name, said):
-    with pytest.raises((ConfigError, ValueError), match=said):
+def test_what_cannot_be_studied_is_refused_in_a_sentence(robots, error, name, said):
+    with pytest.raises(error, match=said):
         new_study(f"robots:{name}", robots)
-
-
-def test_actions_that_are_no_numbers_are_for_a_network(robots):
-    _, text, notes = new_study("robots:Pushed", robots)
-    assert 'factory = "robots:Pushed"' in text
-    assert notes[0] == (
-        "learnt by a network, as it is not tabulated: its actions are no whole numbers"
-    )
-    assert "seeds = 7\n" in text  # fewer give no verdict where several arms are asked
 
 
 def test_a_network_has_fewer_steps_where_they_are_slow_and_learners_for_its_actions(
     curricle, robots, monkeypatch
 ):
-    file, text, _ = new_study("robots:Pushed", robots)
-    target = tomllib.loads(text)["tasks"]["target"]
+    file, text, notes = new_study("robots:Pushed", robots)
+    assert notes[0] == (
+        "learnt by a network, as it is not tabulated: its actions are no whole numbers"
+    )
+    assert 'factory = "robots:Pushed"' in text
+    assert "seeds = 7\n" in text  # fewer give no verdict where several arms are asked
+    target = target_of(text)
     assert target["time_limit"] == 60
     assert target["learner"]["settings"]["use_sde"]
     assert target["evaluation"]["sampled"]
@@ -585,18 +540,18 @@ def test_a_network_has_fewer_steps_where_they_are_slow_and_learners_for_its_acti
     assert "scratch, with plain noise" in out
     monkeypatch.setattr(f"{ENVIRONMENT}.Play.seconds_a_step", 1e-2)
     _, text, _ = new_study("robots:Pushed", robots)
-    assert 500 < tomllib.loads(text)["tasks"]["target"]["budget"] < target["budget"]
+    assert 500 < target_of(text)["budget"] < target["budget"]
 
 
 def test_a_text_beside_a_counter_is_no_number(robots):
     _, text, _ = new_study("robots:Worded", robots)
-    assert tomllib.loads(text)["tasks"]["target"]
+    assert target_of(text)
 
 
 def test_bounds_as_far_apart_as_numbers_go_say_nothing(robots, recwarn, monkeypatch):
     allow(monkeypatch, 0.5)
     _, text, _ = new_study("robots:Endless", robots)
-    ranges = tomllib.loads(text)["tasks"]["target"]["encode"]["ranges"]
+    ranges = target_of(text)["encode"]["ranges"]
     assert all(-50 < low < high < 50 for low, high in ranges.values())
     assert not [warned for warned in recwarn if "overflow" in str(warned.message)]
 
@@ -610,18 +565,13 @@ def test_small_pictures_among_numbers_become_numbers(curricle, robots):
     assert "Box(129,)" in out
 
 
-def test_observations_of_several_lengths_are_refused_with_a_way_out(robots):
-    with pytest.raises(ConfigError, match=r"of a deep learner must be a Box, .*encode="):
-        new_study("robots:Growing", robots)
-
-
 @pytest.mark.parametrize(("name", "steps", "usual"), [("short", 500, 40), ("lasting", 3600, 40)])
 def test_a_network_is_evaluated_in_fewer_steps_than_it_learns_unless_its_episodes_become_long(
     robots, monkeypatch, name, steps, usual
 ):
     monkeypatch.setattr(f"{ENVIRONMENT}.Play.seconds_a_step", 1e-6)
     _, text, _ = new_study(f"robots:{name}", robots)
-    target = tomllib.loads(text)["tasks"]["target"]
+    target = target_of(text)
     checkpoints = target["budget"] // target["eval_freq"]
     assert checkpoints >= 5
     episodes = checkpoints * target["evaluation"]["episodes"]
@@ -635,7 +585,7 @@ def test_a_network_of_slow_steps_is_evaluated_by_few_episodes(
 ):
     monkeypatch.setattr(f"{ENVIRONMENT}.Play.seconds_a_step", 1e-2)
     _, text, _ = new_study(f"robots:{name}", robots)
-    target = tomllib.loads(text)["tasks"]["target"]
+    target = target_of(text)
     assert target["evaluation"]["episodes"] == episodes
     assert target["budget"] // target["eval_freq"] == checkpoints
 
@@ -643,7 +593,7 @@ def test_a_network_of_slow_steps_is_evaluated_by_few_episodes(
 def test_a_network_is_studied_where_a_reset_takes_longer_than_the_play_may(robots, monkeypatch):
     monkeypatch.setattr("curricle.interop.play.PLAYED", 0.0)  # no episode has a step
     _, text, _ = new_study("robots:short", robots)
-    assert tomllib.loads(text)["tasks"]["target"]["evaluation"]["episodes"] >= 1
+    assert target_of(text)["evaluation"]["episodes"] >= 1
 
 
 def test_a_variant_that_misleads_is_left_out_and_starts_near_the_goal_stand_in(robots):
@@ -652,8 +602,7 @@ def test_a_variant_that_misleads_is_left_out_and_starts_near_the_goal_stand_in(r
     assert any("no mapping by components fits: is_slippery = false" in note for note in notes)
     assert "start_states = { distance = [1, 2] }" in text
     assert 'mapping = "identity"' in text
-    (robots / file).write_text(text)
-    plan = next(iter(read_study(robots / file).curricula.values()))
+    plan = plan_of(robots, file, text)
     assert plan.tasks["near_the_goal"].mdp.start[0] == 0
 
 
@@ -666,8 +615,7 @@ def test_the_mapping_that_scores_best_is_written(robots, name):
     assert "its mapping regains 100 % of the way to the optimum" in notes[-1]
     assert steps[0] == "playing 6 episodes of random actions (at most 2 s)"
     assert steps[-1].startswith("building the study")
-    (robots / file).write_text(text)
-    plan = next(iter(read_study(robots / file).curricula.values()))
+    plan = plan_of(robots, file, text)
     (mapping,) = (edge.mapping for edge in plan.in_edges("target"))
     corner = plan.tasks["target"].states.encode(row=5, column=4)
     source = mapping.index[int(corner), 0] // 4
