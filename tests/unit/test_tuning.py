@@ -218,18 +218,16 @@ def levels_of(effects, arm, key):
     return [level for level in effects if (level.arm, level.key) == (arm, key)]
 
 
-def test_an_arm_with_nothing_to_tune_has_one_trial(tmp_path):
-    file = tmp_path / "mazes.toml"
-    file.write_text(f"{MAZES}[tune]\ntrials = 3\nseeds = 1\nspace.unknown_value = [0.0, 1.0]\n")
-    arms = run_study(read_study(file), tmp_path / "out", workers=1).record.tuned.arms
+def test_an_arm_with_nothing_to_tune_has_one_trial(read, tmp_path):
+    study = read(f"{MAZES}[tune]\ntrials = 3\nseeds = 1\nspace.unknown_value = [0.0, 1.0]\n")
+    arms = run_study(study, tmp_path / "out", workers=1).record.tuned.arms
     assert {name: arm.trials for name, arm in arms.items()} == {"scratch": 1, "transfer": 3}
 
 
-def test_the_steps_of_trials_are_those_of_the_largest_source(tmp_path):
-    file = tmp_path / "mazes.toml"
+def test_the_steps_of_trials_are_those_of_the_largest_source(read, tmp_path):
     space = "space.tasks.corner.budget = { low = 100, high = 400 }"
-    file.write_text(f"{MAZES}[tune]\ntrials = 2\nseeds = 1\n{space}\n")
-    results = run_study(read_study(file), tmp_path / "out", workers=1)
+    study = read(f"{MAZES}[tune]\ntrials = 2\nseeds = 1\n{space}\n")
+    results = run_study(study, tmp_path / "out", workers=1)
     tuning, trials = results.record.tuned, StudyResults(tmp_path / "out" / TRIALS)
     variants = trials.record.variants.values()
     tried = [variant.values.get("tasks.corner.budget", 0) for variant in variants]
@@ -238,11 +236,9 @@ def test_the_steps_of_trials_are_those_of_the_largest_source(tmp_path):
     assert results.record.total == 1_000 + -(-spent // 10) * 10
 
 
-def test_main_effects_of_a_sweep_are_means_over_arms(tmp_path):
-    (tmp_path / "mazes.toml").write_text(
-        f"{MAZES}\n[sweep]\nlearner.learning_rate = [0.1, 0.3]\nunknown_value = [0.0, 1.0]\n"
-    )
-    results = run_study(read_study(tmp_path / "mazes.toml"), tmp_path / "out", workers=1)
+def test_main_effects_of_a_sweep_are_means_over_arms(read, tmp_path):
+    swept = "learner.learning_rate = [0.1, 0.3]\nunknown_value = [0.0, 1.0]"
+    results = run_study(read(f"{MAZES}\n[sweep]\n{swept}\n"), tmp_path / "out", workers=1)
     returns = results.comparison.returns
     effects = effects_of(results)
     name = "transfer, learning_rate=0.3, unknown_value={}"
