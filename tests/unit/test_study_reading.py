@@ -12,7 +12,7 @@ from curricle.cli.output import print_results
 from curricle.comparison.measures import Arm
 from curricle.errors import CurriculumError
 from curricle.show.report import write_report
-from curricle.study import StudyResults, compare_studies, merge, read_study, run_study
+from curricle.study import StudyResults, compare_studies, merge, run_study
 from curricle.study.results import DECISIONS as ALL_DECISIONS, RESULTS
 from curricle.study.store import ANALYSIS
 from tests.support.studies import CORNER, LINES
@@ -103,13 +103,11 @@ def test_a_page_of_a_run_that_has_not_ended_says_what_it_lacks(copied):
 
 
 @pytest.fixture
-def corner(tmp_path):
+def corner(read, tmp_path):
     """A function: budget, changes -> the results of a study with so many steps for its target."""
 
     def ran(budget, *changes):
-        file = tmp_path / "corner.toml"
-        file.write_text(CORNER)
-        study = read_study(file, set=[*OF_CORNER, f"tasks.maze.budget={budget}", *changes])
+        study = read(CORNER, set=[*OF_CORNER, f"tasks.maze.budget={budget}", *changes])
         return run_study(study, tmp_path / f"of_{budget}", workers=1, progress=False)
 
     return ran
@@ -153,10 +151,9 @@ def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
     np.testing.assert_array_equal(short.source_steps, long.source_steps)
 
 
-def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
-    file, interim = tmp_path / "lines.toml", "interim, 8 of 16 seeds: no verdict"
-    file.write_text(LINES)
-    study, pages = read_study(file, set=["seeds=16", "seeds_per_unit=4", "eval_freq=50"]), []
+def test_while_seeds_are_missing_there_is_no_verdict(read, tmp_path, capsys):
+    interim, pages = "interim, 8 of 16 seeds: no verdict", []
+    study = read(LINES, set=["seeds=16", "seeds_per_unit=4", "eval_freq=50"])
     for shard in ((1, 2), (2, 2)):
         part = run_study(study, tmp_path / f"{shard[0]}", shard=shard, progress=False)
         print_results(part, None, None)
@@ -182,13 +179,12 @@ def test_a_page_of_some_arms_has_no_verdict(finished):
     assert every.comparison.interim == ""
 
 
-def test_a_window_ends_with_the_smallest_budget(tmp_path):
+def test_a_window_ends_with_the_smallest_budget(read, tmp_path):
     """4 checkpoints in the first study, but the second has only 3 within its budget."""
-    studies, file = [], tmp_path / "lines.toml"
-    file.write_text(LINES)
+    studies = []
     for name, budget, window in (("long", 300, 4), ("short", 200, 1)):
         changes = [f"name='{name}'", "seeds=2", "eval_freq=100", f"window={window}"]
-        study = read_study(file, set=[*changes, f"tasks.far.budget={budget}"])
+        study = read(LINES, set=[*changes, f"tasks.far.budget={budget}"])
         studies.append(run_study(study, tmp_path / name, workers=1, progress=False))
     assert compare_studies(studies[:1]).window == 4
     both = compare_studies(studies)
