@@ -292,11 +292,10 @@ print(*(name for name in opened if name.startswith({str(copied)!r})), sep="\\n")
     assert contents(copied) == before
 
 
-def test_a_run_has_no_seeds_and_no_analysis_of_runs_before_it(tmp_path):
-    file, out = tmp_path / "lines.toml", tmp_path / "out"
-    file.write_text(LINES)
-    assert run_study(read_study(file, set=["seeds=5"]), out).analysis is not None
+def test_a_run_has_no_seeds_and_no_analysis_of_runs_before_it(read, tmp_path):
+    out = tmp_path / "out"
+    assert run_study(read(LINES, set=["seeds=5"]), out).analysis is not None
     shutil.rmtree(out / "units")
-    assert run_study(read_study(file), out).record.seeds == (0, 1, 2)
-    changed = read_study(file, set=['tasks.far.map="S..T"', "scratch=false"])
+    assert run_study(read(LINES), out).record.seeds == (0, 1, 2)
+    changed = read(LINES, set=['tasks.far.map="S..T"', "scratch=false"])
     assert run_study(changed, out, resume=True).analysis is None
