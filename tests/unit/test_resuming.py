@@ -243,15 +243,14 @@ def test_a_dry_run_tells_the_same_and_changes_nothing(copy, contents):
     assert again(copy) == ([SHORT, OWN], sorted(lines[:2]))
 
 
-def test_the_key_of_a_part_changes_with_its_whole(tmp_path):
-    file = tmp_path / "crop.toml"
-    file.write_text(
+def test_the_key_of_a_part_changes_with_its_whole(read):
+    text = (
         'name = "crop"\nseeds = 1\n[tasks.whole]\ntype = "maze"\nmap = "S.....T"\n'
         '[tasks.part]\ntype = "crop"\nof = "whole"\nrows = [0, 1]\ncolumns = [3, 7]\n'
         '[[transfers]]\nsource = "part"\ntarget = "whole"\nmapping = "same_position"\n'
     )
     changes = ([], ["tasks.whole.map='S..P..T'"])
-    keys = [Arms.of(read_study(file, set=change)).keys for change in changes]
+    keys = [Arms.of(read(text, set=change)).keys for change in changes]
     assert keys[0]["transfer", "part"] != keys[1]["transfer", "part"]
 
 
