@@ -125,13 +125,6 @@ time_limit = 20
 """
 
 
-def hall(folder):
-    file = folder / "hall.toml"
-    file.write_text(NO_EPISODE)
-    run_study(read_study(file), folder / "out", workers=1)
-    return file
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
@@ -158,13 +151,13 @@ def test_a_study_with_other_settings_is_refused(finished, study_file):
         played_episode(StudyResults(finished), other, "chain", "maze")
 
 
-def test_where_nothing_is_stored_it_says_how_to_play(tmp_path):
-    file = hall(tmp_path)
-    results = StudyResults(tmp_path / "out")
+def test_where_nothing_is_stored_it_says_how_to_play(read, tmp_path):
+    study = read(NO_EPISODE)
+    results = run_study(study, tmp_path / "out", workers=1)
     (arm,) = results.record.arms
     with pytest.raises(StoreError, match=r"stores no episode of 'hall' in arm .*; --study FILE"):
         stored_episode(results, arm, "hall")
-    assert played_episode(results, read_study(file), arm, "hall")[1].terminated
+    assert played_episode(results, study, arm, "hall")[1].terminated
 
 
 def test_an_episode_off_its_grid_is_refused(copied):
