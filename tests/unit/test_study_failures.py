@@ -222,14 +222,22 @@ class Fails(gym.Env):
 """
 
 
+OF_IT = (
+    "name = 'own'\nseeds = 2\ncompared = false\n[tasks.own]\ntype = 'gymnasium'\n"
+    "factory = 'own:Fails'\ndiscount = 0.9\nbudget = 100\neval_freq = 50\ntime_limit = 9\n"
+)
+
+
+def of_environment(folder, text):
+    """Return the file of a study of an environment, which is written beside it."""
+    (folder / "own.py").write_text(text)
+    (folder / "own.toml").write_text(OF_IT)
+    return folder / "own.toml"
+
+
 def test_an_environment_that_fails_is_told_with_its_place(tmp_path, curricle):
-    (tmp_path / "own.py").write_text(ENVIRONMENT)
-    (tmp_path / "own.toml").write_text(
-        "name = 'own'\nseeds = 2\n[tasks.own]\ntype = 'gymnasium'\nfactory = 'own:Fails'\n"
-        "discount = 0.9\nbudget = 100\neval_freq = 50\n"
-    )
     place = r"KeyError: 'pos' \(raised in step of own.py, line 13, for action [01] in state 0\)"
-    code, _, complaint = curricle("check", tmp_path / "own.toml")
+    code, _, complaint = curricle("check", of_environment(tmp_path, ENVIRONMENT))
     assert code == 1
     assert re.fullmatch(f"curricle: {place}", complaint.splitlines()[-1])
     assert "Traceback" not in complaint
@@ -240,26 +248,17 @@ LINE = ENVIRONMENT.replace('return {}["pos"]', "return action, 1.0, bool(action)
 
 def test_the_place_of_an_error_is_the_users_line_and_not_a_compiled_librarys(tmp_path, curricle):
     wrong = ENVIRONMENT.replace("return 0, {}", "return int(self.np_random.integers(0)), {}")
-    (tmp_path / "own.py").write_text(wrong)
-    (tmp_path / "own.toml").write_text(
-        "name = 'own'\n[tasks.own]\ntype = 'gymnasium'\nfactory = 'own:Fails'\ndiscount = 0.9\n"
-    )
-    _, _, complaint = curricle("check", tmp_path / "own.toml")
+    _, _, complaint = curricle("check", of_environment(tmp_path, wrong))
     assert "ValueError: high <= 0 (raised in reset of own.py, line 10" in complaint
 
 
 def test_what_fails_after_a_change_is_told_though_no_unit_fits_any_more(tmp_path, curricle):
-    (tmp_path / "own.py").write_text(LINE)
-    (tmp_path / "own.toml").write_text(
-        "name = 'own'\nseeds = 2\ncompared = false\n[tasks.own]\ntype = 'gymnasium'\n"
-        "factory = 'own:Fails'\ndiscount = 0.9\nbudget = 100\neval_freq = 50\ntime_limit = 9\n"
-    )
-    code, _, complaint = curricle("run", tmp_path / "own.toml", "--out", tmp_path / "out")
+    run = "run", of_environment(tmp_path, LINE), "--out", tmp_path / "out"
+    code, _, complaint = curricle(*run)
     assert code == 0, complaint
-    (tmp_path / "own.py").write_text(ENVIRONMENT)
+    of_environment(tmp_path, ENVIRONMENT)
     sys.modules.pop("own", None)
-    again = "run", tmp_path / "own.toml", "--out", tmp_path / "out", "--resume"
-    code, _, complaint = curricle(*again)
+    code, _, complaint = curricle(*run, "--resume")
     assert code == 3
     assert "KeyError: 'pos' (raised in step of own.py, line 13" in complaint
 
