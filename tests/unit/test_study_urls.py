@@ -59,19 +59,24 @@ def test_going_on_at_a_url_trains_what_is_missing_or_damaged(study_file, finishe
         run_study(read_study(study_file), copy)
 
 
+def let_fail(patch, method, ending, error):
+    """Let a method of the file system raise an error for files whose names end so."""
+    works = getattr(MemoryFileSystem, method)
+
+    def failing(self, path, *arguments, **settings):
+        if path.endswith(ending):
+            raise error
+        return works(self, path, *arguments, **settings)
+
+    patch.setattr(MemoryFileSystem, method, failing)
+
+
 @pytest.mark.parametrize("error", [OSError, BUSY])
 def test_a_unit_that_cannot_be_read_now_is_not_deleted(
     study_file, finished, copy, monkeypatch, error
 ):
-    opened = MemoryFileSystem._open
-
-    def busy(self, path, *arguments, **settings):
-        if path.endswith(".npz"):
-            raise error("Please reduce your request rate.")
-        return opened(self, path, *arguments, **settings)
-
     with monkeypatch.context() as patch:
-        patch.setattr(MemoryFileSystem, "_open", busy)
+        let_fail(patch, "_open", ".npz", error("Please reduce your request rate."))
         with pytest.raises(StoreError, match=r"\.npz cannot be read: Please reduce your request"):
             run_study(read_study(study_file), copy, resume=True)
     assert files(copy) == files(finished)
@@ -94,16 +99,9 @@ def test_a_url_of_this_machine_is_its_folder():
 def test_a_place_that_is_lost_during_a_run_has_an_error_of_its_own(
     study_file, url_of, monkeypatch, name, error
 ):
-    works = MemoryFileSystem.pipe_file
-
-    def failing(self, path, *arguments, **settings):
-        if path.endswith(name):
-            raise error("nothing answers")
-        return works(self, path, *arguments, **settings)
-
     study, url = read_study(study_file), url_of("out")
     with monkeypatch.context() as patch:
-        patch.setattr(MemoryFileSystem, "pipe_file", failing)
+        let_fail(patch, "pipe_file", name, error("nothing answers"))
         with pytest.raises(LostStoreError, match=r"results cannot be written to .*nothing answers"):
             run_study(study, url)
     assert run_study(study, url, resume=True).seeds == study.seeds
