@@ -353,9 +353,12 @@ CURRICULA = [
 ]
 
 
-@pytest.mark.parametrize(("call", "says"), MAPPINGS)
-def test_bad_mappings_are_refused_in_one_sentence(call, says):
-    check_refusal(MappingError, call, says)
+@pytest.mark.parametrize(
+    ("error", "call", "says"),
+    [*((MappingError, *row) for row in MAPPINGS), *((CurriculumError, *row) for row in CURRICULA)],
+)
+def test_bad_mappings_and_curricula_are_refused_in_one_sentence(error, call, says):
+    check_refusal(error, call, says)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint64])
@@ -363,11 +366,6 @@ def test_an_index_of_any_whole_type_is_read(kind):
     index = np.arange(16).reshape(4, 4)
     mapping = StateActionMapping(LINE, LINE, index.astype(kind))
     np.testing.assert_array_equal(mapping.index, StateActionMapping(LINE, LINE, index).index)
-
-
-@pytest.mark.parametrize(("call", "says"), CURRICULA)
-def test_bad_curricula_are_refused_in_one_sentence(call, says):
-    check_refusal(CurriculumError, call, says)
 
 
 @pytest.mark.parametrize("wrong", [{"seeds": []}, {"seeds": 2, "trained": "other seeds"}])
