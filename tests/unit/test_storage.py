@@ -257,14 +257,13 @@ def test_a_curriculum_asks_for_sources_whose_values_are_kept():
 
 
 ARRAY = cr.StateActionPotential(CHASE, np.zeros((81, 5)))
-REFUSED = [
-    ({"learner": cr.SARSA()}, "are for QLearning .* got SARSA"),
-    ({"shaping": cr.StateShaping(ARRAY)}, "got QLearning with StateShaping"),
-]
 
 
 def test_what_sparse_tables_cannot_do_is_refused():
-    for settings, message in REFUSED:
+    for settings, message in (
+        ({"learner": cr.SARSA()}, "are for QLearning .* got SARSA"),
+        ({"shaping": cr.StateShaping(ARRAY)}, "got QLearning with StateShaping"),
+    ):
         with pytest.raises(SettingError, match=message):
             cr.learn(CHASE, budget=10, storage=Storage("sparse"), **settings)
 
