@@ -7,6 +7,7 @@ import curricle as cr
 from curricle.comparison.plan import PlannedArm
 from curricle.show import report as module
 from curricle.study.analysis import analysed, curricula_record
+from curricle.tasks.grid import cell_space
 from tests.support.tasks import predator_edges
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
@@ -85,6 +86,16 @@ def chain(n):
     ended = [False] * (n - 1) + [True]
     return cr.FiniteMDP.from_outcomes(
         [*outcomes, [[], []]], terminal=ended, start=0, discount=0.9, time_limit=30
+    )
+
+
+def of_cells(shape, after, *labels):
+    """Return a task of rows and columns: every move leads from each cell to that in `after`."""
+    return cr.FiniteMDP.from_outcomes(
+        [[[(1.0, state, -1.0)]] * len(labels) for state in after],
+        **{"start": 0, "terminal": [False] * len(after), "discount": 0.9},
+        states=cell_space(*shape),
+        actions=cr.Space([cr.Component("move", len(labels), labels=labels)]),
     )
 
 

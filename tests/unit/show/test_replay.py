@@ -16,10 +16,9 @@ from curricle.show import replay as replay_module
 from curricle.show.replay import LEVELS, greedy_choices, grid_drawing, mark_of, replays
 from curricle.study.analysis import before_and_after
 from curricle.study.record import ViewRecord
-from curricle.tasks.grid import cell_space
 from tests.support.tasks import ring
 
-from .studies import chain, shown
+from .studies import chain, of_cells, shown
 
 
 def replays_of(shot, task):
@@ -135,11 +134,7 @@ def test_tasks_without_tables_and_states_off_the_strip_have_no_episodes(pursuit,
 
 
 def test_thin_walls_are_drawn_between_cells():
-    wall = cr.FiniteMDP.from_outcomes(
-        [[[(1.0, s, -1.0)]] * 2 for s in range(2)],
-        **{"start": 0, "terminal": [False] * 2, "discount": 0.9, "states": cell_space(1, 2)},
-        actions=cr.Space([cr.Component("move", 2, labels=("east", "west"))]),
-    )
+    wall = of_cells((1, 2), range(2), "east", "west")
     assert grid_drawing(GridView.for_replay(wall))["bars"] == "M1 0v1"
     record = ViewRecord.of(GridView.for_replay(wall))
     assert grid_drawing(record.view)["bars"] == "M1 0v1"

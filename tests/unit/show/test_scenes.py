@@ -27,8 +27,9 @@ from curricle.pictures.scenes import (
 )
 from curricle.pictures.views import GridView, bars_of, layout_of
 from curricle.show.notebook import register_with
-from curricle.tasks.grid import cell_space
 from tests.unit.interop.environments import TASKS, WALLED
+
+from .studies import of_cells
 
 GRIDS = {
     "four rooms": tasks.FourRooms(size=7),
@@ -198,22 +199,10 @@ def test_thin_walls_are_read_off_the_moves_of_a_town():
 
 def test_no_thin_wall_stands_where_moves_lead_elsewhere_or_nobody_tries():
     lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9)  # which is slippery
-    wind = one_move("south", [0, 1, 0, 1])  # it carries up who goes south, from below too
+    wind = of_cells((2, 2), [0, 1, 0, 1], "south")  # it carries up who goes south, from below too
     for task in (tasks.CliffWalking(), GRIDS["a sea"], lake, wind):
         assert bars_of(task, layout_of(task)).size == 0
-    floor = cr.FiniteMDP.from_outcomes(
-        [[[(1.0, s, -1.0)]] * 2 for s in range(4)],
-        **{"start": 0, "terminal": [False] * 4, "discount": 0.9, "states": cell_space(2, 2)},
-        actions=cr.Space([cr.Component("move", 2, labels=("south", "up"))]),
-    )
+    floor = of_cells((2, 2), range(4), "south", "up")
     assert bars_of(floor, layout_of(floor)).tolist() == [4, 5]  # below the two upper cells
     scene = scene_of(floor)
     assert scene.text(0) == "@ .\n- -\n. ."
-
-
-def one_move(label, after):
-    return cr.FiniteMDP.from_outcomes(
-        [[[(1.0, state, -1.0)]] for state in after],
-        **{"start": 0, "terminal": [False] * 4, "discount": 0.9, "states": cell_space(2, 2)},
-        actions=cr.Space([cr.Component("move", 1, labels=(label,))]),
-    )
