@@ -2,6 +2,7 @@
 
 import io
 import os
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,14 +32,17 @@ def arm(values, source_steps=0, curriculum="", seeds=4, spread=1.0):
     return Arm(Curve(STEPS, rows, np.full(seeds, source_steps)), curriculum=curriculum)
 
 
+def compared(**arms):
+    return Comparison("hunt", {"scratch": arm(0.0), **arms}, 80, 100, Reference(7.5), 1)
+
+
 def comparison(seeds=4, **more):
     arms = {
         "scratch": arm(0.0, seeds=seeds),
         "mean": arm(10.0, 20, seeds=seeds),
         "mean, placebo": arm(-5.0, 20, curriculum="mean", seeds=seeds),
-        **more,
     }
-    return Comparison("hunt", arms, 80, 100, Reference(7.5), 1)
+    return compared(**arms | more)
 
 
 def test_a_curve_begins_where_its_sources_end():
@@ -88,25 +92,20 @@ def test_gains_have_a_row_each_with_interval_and_p():
 
 
 def test_returns_over_decades_are_drawn_on_a_bent_axis():
-    far = {"scratch": arm(-400.0), "mean": arm(-8.0, 20)}
-    curves, profile, gains = draw_comparison(
-        Comparison("hunt", far, 80, 100, Reference(-9.0), 1)
-    ).axes
+    far = replace(compared(scratch=arm(-400.0), mean=arm(-8.0, 20)), reference=Reference(-9.0))
+    curves, profile, gains = draw_comparison(far).axes
     scales = curves.get_yscale(), profile.get_xscale(), gains.get_xscale()
     assert scales == ("symlog", "symlog", "linear")
     assert curves.get_ylim()[0] < -400
 
 
 def test_a_figure_may_leave_profiles_out_and_has_no_gains_where_nothing_is_transferred():
-    both = Comparison(
-        "hunt", {"scratch": arm(0.0), "mean": arm(8.0, 20)}, 80, 100, Reference(9.0), 1
-    )
-    figure = draw_comparison(both, profiles=False)
+    figure = draw_comparison(compared(mean=arm(8.0, 20)), profiles=False)
     assert [axes.get_title() for axes in figure.axes] == ["learning curves (strong transfer)", ""]
     assert figure.axes[1].get_title(loc="right") == "gain in mean return"
     assert figure.axes[1].get_xlabel() == "over that of the best opponent, scratch"
     assert not any("Middle" in text.get_text() for text in figure.texts)
-    alone = draw_comparison(Comparison("hunt", {"scratch": arm(0.0)}, 80, 100, Reference(9.0), 1))
+    alone = draw_comparison(compared())
     assert [axes.get_title() for axes in alone.axes][1:] == ["final returns"]
     assert alone.axes[0].get_legend() is not None
 
@@ -115,9 +114,7 @@ def test_many_arms_are_lines_with_bars_and_whole_names():
     long = [f"{letter}, a name of many words that says what the arm does" for letter in "abcdefg"]
     unbroken = "without_any_space_" * 5
     many = {name: arm(float(n), 20) for n, name in enumerate([*long, unbroken])}
-    figure = draw_comparison(
-        Comparison("hunt", {"scratch": arm(0.0), **many}, 80, 100, Reference(7.5), 1)
-    )
+    figure = draw_comparison(compared(**many))
     curves, profile, gains = figure.axes
     assert not [
         drawn for drawn in curves.collections if isinstance(drawn, FillBetweenPolyCollection)
