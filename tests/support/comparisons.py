@@ -7,7 +7,7 @@ import pytest
 
 import curricle as cr
 from curricle import Curriculum, GreedyEvaluation, GridWorld, Pursuit, StoppingRule, Transfer
-from curricle.comparison import Arm
+from curricle.comparison import Arm, Comparison, Reference
 from curricle.learning.stopping import limits
 from curricle.statistics import Curve
 from tests.support.tasks import predator_edges
@@ -70,6 +70,11 @@ def flat(returns, curriculum="", **kind):
     values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)
     curve = Curve(np.array([0, 10]), values)
     return Arm(curve, curriculum=curriculum, **kind)
+
+
+def of_arms(arms):
+    """Return the comparison of arms with two checkpoints, as those of `flat` have."""
+    return Comparison("maze", arms, 10, 10, Reference(0.5), 1)
 
 
 @pytest.fixture

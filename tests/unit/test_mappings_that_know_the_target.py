@@ -11,9 +11,7 @@ import curricle as cr
 from benchmarks.unrelated_pairs import SEARCHED, unrelated
 from curricle import Transfer
 from curricle.comparison import compare
-from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import DRAWS, unrelated_transfers
-from curricle.comparison.measures import Reference
 from curricle.comparison.sentences import findings
 from curricle.comparison.trial import apart
 from curricle.comparison.verdicts import NO_MORE
@@ -29,7 +27,7 @@ from curricle.transfer import (
 from curricle.transfer.by_components import ComponentMapping
 from curricle.transfer.search import MOST_APART, SEARCHES
 from curricle.transfer.transfer import FOUND, transfer_words
-from tests.support.comparisons import copied, corner
+from tests.support.comparisons import copied, corner, of_arms
 from tests.unit.test_found_mapping_studies import STUDY
 from tests.unit.test_found_mappings import CROP, MAZE, MIRRORED
 from tests.unit.test_resuming import again
@@ -84,10 +82,6 @@ def test_what_a_curriculum_is_turned_into_keeps_it():
     assert FOUND in transfer_words(plan.transfers[0])
 
 
-def compared(arms):
-    return Comparison("maze", arms, 10, 10, Reference(0.5), 1)
-
-
 def test_it_stands_in_the_verdict_whatever_the_verdict_is():
     for pays, constant, reason in (
         (10.0, 4.0, "by its source or by the search for its mapping, "),
@@ -96,7 +90,7 @@ def test_it_stands_in_the_verdict_whatever_the_verdict_is():
     ):
         comparison = controlled(pays, constant, placebo=constant)
         arms = {**comparison.arms, "mean": replace(comparison["mean"], knows_target=True)}
-        known = compared(arms)
+        known = of_arms(arms)
         assert known.contrasts["mean"].reason == f"{reason}{FOUND}"
         assert "by what it knows" not in known.contrasts["mean"].answer
         for text in (str(known), str(known.rows())):
@@ -109,12 +103,12 @@ def test_a_reason_says_that_an_unrelated_task_did_as_well(unrelated_gain, says):
     arms = dict(controlled(10.0, 4.0, placebo=4.0).arms)
     arms["mean"] = replace(arms["mean"], knows_target=True)
     arms["mean, unrelated"] = flat(unrelated_gain + np.roll(NOISE, 2), "mean")
-    comparison = compared(arms)
+    comparison = of_arms(arms)
     assert (NO_MORE in comparison.contrasts["mean"].answer) is says
     assert comparison.know_nothing["mean"] == ("mean, placebo", "mean, constant mean")
-    by_hand = compared({**arms, "mean": replace(arms["mean"], knows_target=False)})
+    by_hand = of_arms({**arms, "mean": replace(arms["mean"], knows_target=False)})
     assert by_hand.contrasts["mean"].answer == "pays, by what it knows"
-    lost = compared({**arms, "mean": flat(NOISE - 5, knows_target=True)})
+    lost = of_arms({**arms, "mean": flat(NOISE - 5, knows_target=True)})
     assert NO_MORE not in lost.contrasts["mean"].answer
 
 

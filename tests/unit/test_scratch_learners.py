@@ -5,7 +5,6 @@ import pytest
 
 import curricle as cr
 from curricle import SARSA, QLearning
-from curricle.comparison import Comparison, Reference
 from curricle.errors import ConfigError, CurriculumError, SettingError
 from curricle.study import StudyConfig, run_study
 from curricle.study.analysis import study_record
@@ -18,6 +17,7 @@ from tests.support.comparisons import (
     copied,
     corner,
     flat,
+    of_arms,
     pursuit,
 )
 from tests.support.studies import CORNER, reader
@@ -125,7 +125,7 @@ def by_hand(height_of_arm, *further):
     for n, height in enumerate(further):
         arms[f"scratch, {n}"] = flat(column(height, n + 1), scratch=True)
     arms["mine"] = flat(column(height_of_arm, 7))
-    return Comparison("maze", arms, 10, 10, Reference(0.5), 1)
+    return of_arms(arms)
 
 
 def test_each_is_an_arm_with_the_same_total(calls):

@@ -17,7 +17,7 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.statistics import Times, mean_interval, sign_flip_test
 from curricle.statistics.hypothesis_tests import holm, sign_flip_tests
 from curricle.study import StudyResults
-from tests.support.comparisons import alone as compare, arm_of, corner, flat
+from tests.support.comparisons import alone as compare, arm_of, corner, flat, of_arms
 
 
 def compared(**returns):
@@ -27,7 +27,7 @@ def compared(**returns):
         is_control = name.endswith("_control")
         arms[name] = flat(heights, last if is_control else "")
         last = last if is_control else name
-    return Comparison("maze", arms, 10, 10, Reference(0.5), 1)
+    return of_arms(arms)
 
 
 def column(height, seeds=8):
@@ -313,7 +313,7 @@ def controlled(pays, constant, *, placebo=None):
         arms["mean, constant mean"] = flat(
             constant + np.roll(NOISE, 1), "mean", scratch=True, initial_values=np.full(12, 6.25)
         )
-    return Comparison("maze", arms, 10, 10, Reference(0.5), 1)
+    return of_arms(arms)
 
 
 @pytest.mark.parametrize(
@@ -374,9 +374,7 @@ def test_a_network_pays_by_what_it_knows_if_it_gains_more_than_its_placebo():
 def test_other_controls_do_not_decide_but_a_placebo_outside_the_portfolio_does():
     """A source that is the target itself knows the task."""
     with_pretraining, with_placebo = (
-        Comparison(
-            "maze", controlled(10.0, 4.0, placebo=4.0).arms | beside, 10, 10, Reference(0.5), 1
-        )
+        of_arms(controlled(10.0, 4.0, placebo=4.0).arms | beside)
         for beside in (
             {"mean, pretraining": flat(20.0 + NOISE, "mean")},
             {"mean, placebo, alone": flat(12.0 + NOISE, "mean")},
