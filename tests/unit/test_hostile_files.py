@@ -5,7 +5,6 @@ What they name is not run, links are left, sizes are bounded: each is refused in
 
 import io
 import os
-import textwrap
 import zipfile
 from pathlib import Path
 
@@ -45,17 +44,15 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_toml_of_which_nobody_writes_so_much_is_refused():
+def test_toml_of_which_nobody_writes_so_much_is_refused(read):
     too_deep = "tables and lists must be at most 50 deep"
     values = {f"{b * n}0{e * n}": too_deep for n in (60, 5000) for b, e in ("[]", ("{a = ", "}"))}
     values |= {"1" + "0" * 5000: "4300 digits", "0x1" + "0" * 5000: "4,096 bits"}
     for value, words in values.items():
-        Path("study.toml").write_text(f"{MAZE}\nbudget = {value}")
         with pytest.raises(ConfigError, match=f"not valid TOML: .*{words}"):
-            read_study("study.toml")
-    Path("study.toml").write_text(MAZE)
+            read(f"{MAZE}\nbudget = {value}")
     with pytest.raises(ConfigError, match="a setting must be key=value"):
-        read_study("study.toml", set=[".".join(["a"] * 5000) + "=1"])
+        read(MAZE, set=[".".join(["a"] * 5000) + "=1"])
 
 
 @pytest.mark.parametrize("kind", KINDS_OF_NO_FILE)
@@ -107,15 +104,14 @@ def test_seeds_are_as_many_and_as_large_as_can_be_counted():
     assert "seeds must be a number of seeds, a list of different ones" in sentence
 
 
-def test_a_preview_of_a_target_too_large_to_count():
-    text = textwrap.dedent("""
+def test_a_preview_of_a_target_too_large_to_count(read):
+    study = read("""
         name = "many"
         tasks.one = { type = "pursuit", size = 10, predators = 1, budget = 10 }
         tasks.all = { type = "pursuit", size = 10, predators = 5, budget = 10 }
         transfers = [{ source = "one", target = "all", project = { predator = "predator_1" } }]
     """)
-    Path("study.toml").write_text(text)
-    curriculum = read_study("study.toml").curriculum("transfer")
+    curriculum = study.curriculum("transfer")
     assert not any("pairs mapped" in line for line in graph(curriculum))
     with pytest.raises(MappingError, match="index array for up to 500,000,000 target pairs: got"):
         curriculum.transfers[0].mapping.coverage()
@@ -129,10 +125,9 @@ transfers = [{{ source = 'far', target = 'near', mapping = 'same_position' }}]
 """
 
 
-def test_a_forecast_that_would_take_too_long_is_not_begun(capsys, monkeypatch):
+def test_a_forecast_that_would_take_too_long_is_not_begun(read, capsys, monkeypatch):
     monkeypatch.setattr("curricle.cli.output.LONGEST_EXAMINING", 5.0)
-    Path("study.toml").write_text(ENORMOUS)
-    study = read_study("study.toml")
+    study = read(ENORMOUS)
     arms = Arms.of(study)
     print_forecasts(study, arms, costs(arms, units_of(study, arms, {})), whole=False)
     out = capsys.readouterr().out
