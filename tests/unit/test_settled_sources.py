@@ -26,6 +26,9 @@ MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
 EDGE = cr.Transfer("corner", "maze", cr.same_position(MAZE, CORNER))
 TASKS = {"corner": CORNER, "maze": MAZE}
+LARGER = cr.GridWorld([".....", "....T", ".PPP.", "S...."])
+TO_LARGER = cr.Transfer("maze", "larger", cr.same_position(LARGER, MAZE))
+OF_THREE = {**TASKS, "larger": LARGER}, [EDGE, TO_LARGER]
 EVALUATION = cr.GreedyEvaluation(method="rollouts", episodes=1_000)
 
 
@@ -158,9 +161,7 @@ def test_a_learner_that_is_stated_or_is_all_that_a_task_allows_is_kept():
         assert plan(learner=learner).node("corner").budget == rule(10_000)
     of_target = plan(learner={"maze": cr.SARSA()})
     assert of_target.node("corner").learner == OptimisticQLearning()
-    larger = cr.GridWorld([".....", "....T", ".PPP.", "S...."])
-    edges = [EDGE, cr.Transfer("maze", "larger", cr.same_position(larger, MAZE))]
-    chain = cr.Curriculum({**TASKS, "larger": larger}, edges)  # the maze has a portfolio
+    chain = cr.Curriculum(*OF_THREE)  # the maze has a portfolio
     assert chain.node("maze").learner == cr.QLearning()
     assert chain.node("maze").budget == rule(5_000)
     walk = ring(9)  # has no tables; the other neither a discount below 1 nor a time limit
@@ -199,14 +200,12 @@ def rule(most):
 
 
 def test_sources_without_a_budget_share_a_tenth_of_the_targets():
-    larger = cr.GridWorld([".....", "....T", ".PPP.", "S...."])
-    edges = [EDGE, cr.Transfer("maze", "larger", cr.same_position(larger, MAZE))]
     by_q = {"learner": cr.QLearning()}
     for budget in (4_000, cr.StoppingRule(4_000, threshold=1.0), cr.Episodes(20)):
-        steps = 20 * larger.time_limit if isinstance(budget, cr.Episodes) else 4_000
-        both = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"larger": budget}, **by_q)
+        steps = 20 * LARGER.time_limit if isinstance(budget, cr.Episodes) else 4_000
+        both = cr.Curriculum(*OF_THREE, budget={"larger": budget}, **by_q)
         assert both.setting("budget", "corner") == rule(steps // 20)
-    chain = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"corner": None}, **by_q)
+    chain = cr.Curriculum(*OF_THREE, budget={"corner": None}, **by_q)
     budgets = [chain.setting("budget", name) for name in ("corner", "maze", "larger")]
     assert budgets == [rule(5_000), rule(5_000), 100_000]  # a target has none unless it is a source
     for budget in (cr.Episodes(20), cr.StoppingRule(900, threshold=150.0)):
@@ -215,7 +214,7 @@ def test_sources_without_a_budget_share_a_tenth_of_the_targets():
     result = plan(budget=rule(3_000), evaluation=off).train(seeds=1, only="corner")
     assert result["corner"].steps_used.tolist() == [3_000]
     stated = {"larger": 4_000, "maze": 900}
-    wide = cr.Curriculum({**TASKS, "larger": larger}, edges, budget=stated, **by_q)
+    wide = cr.Curriculum(*OF_THREE, budget=stated, **by_q)
     assert wide.setting("budget", "corner") == rule(400)
     # Of two targets the larger counts, and longer training of the target changes no source.
     two = cr.Curriculum(
