@@ -60,8 +60,8 @@ class KeyDoor(gymnasium.Env):
         return np.array([*np.array(numbers) / self.size, shown], np.float32)
 
 
-def small(counts, resets=3, **settings):
-    door = cr.observation_task(partial(KeyDoor, counts), discount=0.9, time_limit=LIMIT)
+def small(counts, resets=3, size=4, **settings):
+    door = cr.observation_task(partial(KeyDoor, counts, size), discount=0.9, time_limit=LIMIT)
     return miniatures(door, resets=resets, **settings)
 
 
@@ -138,10 +138,9 @@ def test_too_many_states_are_foreseen_from_the_first_reset():
 
 
 def test_too_long_a_search_is_foreseen_from_the_first_reset():
-    door = cr.observation_task(partial(KeyDoor, size=14), discount=0.9, time_limit=LIMIT)
     KeyDoor.asked = 0
     with pytest.raises(TaskError, match=REFUSED):
-        _ = miniatures(door, max_seconds=4, state=DeepCopy(ignore=["steps"])).solved
+        _ = small("nothing", 200, 14, max_seconds=4, state=DeepCopy(ignore=["steps"])).solved
     assert KeyDoor.asked < 10_000  # of about 300,000: 200 levels, 180 states, 4 actions, twice
 
 
