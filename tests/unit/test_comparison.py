@@ -192,10 +192,15 @@ def test_random_play_is_measured_where_the_target_is_not_solved(threshold):
 
 
 def test_random_play_of_a_network_ends_as_its_evaluation_does():
-    made = []
+    made, first = [], []
+
+    class Endless(type(gym.make("CartPole-v1").unwrapped)):
+        def reset(self, **options):
+            first.append(super().reset(**options)[0].tobytes())
+            return np.frombuffer(first[-1], np.float32), {}
 
     def endless():
-        made.append(gym.make("CartPole-v1").unwrapped)
+        made.append(Endless())
         return made[-1]
 
     task = cr.observation_task(endless, discount=0.9)
@@ -203,8 +208,13 @@ def test_random_play_of_a_network_ends_as_its_evaluation_does():
     evaluation = GreedyEvaluation(discounted=True, episodes=100)
     node = cr.Curriculum({"cart": task}, evaluation=evaluation, **settings).node("cart")
     made.clear()
-    assert 5 < Reference.before(node, None).random_return < 10
+    first.clear()
+    reference = Reference.before(node, None)
+    assert 5 < reference.random_return < 10
+    # 200 episodes tell the mean as well as an evaluation of each of two seeds.
+    assert reference.random_error == pytest.approx(reference.random_noise / 2**0.5)
     assert len(made) <= 52
+    assert len({*first}) >= 200
 
 
 def test_where_the_random_policy_is_optimal_up_to_rounding_there_is_nothing_to_learn():

@@ -5,7 +5,7 @@ environments.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -33,7 +33,8 @@ from curricle.tasks.observation_task import Observations, ObservationTask, check
 from curricle.transfer.potential import ObservationPotential
 
 LARGEST_ROLLED_OUT = 10_000_000  # most pairs (S x A) of a potential whose policy is rolled out
-OBSERVATION_ROLLOUTS = 50  # default number of episodes for mean returns
+OBSERVATION_ROLLOUTS = 50  # default number of episodes for mean returns; side by side at most
+RANDOM_ROLLOUTS = 200  # most episodes of random play where environments play
 COVERAGE_EPISODES = 20  # episodes that give the sample of observations for coverage
 STREAM = "potential_quality"  # name of the random stream of rollouts that judge a potential
 
@@ -88,21 +89,20 @@ class Environments:
             environment.close()
 
 
-def episode_returns(episodes: Sequence[ObservationEpisode], discount: float) -> FloatArray:
-    """Return the discounted sum of rewards of each episode."""
-    sums = [episode.rewards @ discount ** np.arange(len(episode.rewards)) for episode in episodes]
-    return np.array(sums)
-
-
-def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
+def mean_episode_return(episodes: Iterable[ObservationEpisode], discount: float) -> float:
     """Return the mean discounted return of episodes."""
-    return float(episode_returns(episodes, discount).mean())
+    return float(discounted([episode.rewards for episode in episodes], discount).mean())
+
+
+def discounted(rewards: Sequence[FloatArray], discount: float) -> FloatArray:
+    """Return the discounted sum of the rewards of each episode."""
+    return np.array([episode @ discount ** np.arange(len(episode)) for episode in rewards])
 
 
 def greedy_episodes(
     potential: ObservationPotential, episodes: int, seed: int = 0, stream: str = "greedy_rollouts"
-) -> list[ObservationEpisode]:
-    """Return episodes of a potential's greedy policy."""
+) -> Iterator[ObservationEpisode]:
+    """Yield episodes of a potential's greedy policy."""
 
     def policy(observations: Observations, _: Sequence[int]) -> IntArray:
         return np.asarray(potential.pairs(observations).argmax(axis=1))
@@ -112,8 +112,8 @@ def greedy_episodes(
 
 def random_episodes(
     task: ObservationTask, episodes: int, evaluation: GreedyEvaluation | None = None
-) -> list[ObservationEpisode]:
-    """Return episodes of a policy that samples its actions from the task's space."""
+) -> Iterator[ObservationEpisode]:
+    """Yield episodes of a policy that samples its actions from the task's space."""
     start, space = stream_start(0, "random"), deepcopy(task.actions)
     space.seed(splitmix64(start) >> 33)
 
@@ -129,11 +129,15 @@ def _episodes(
     episodes: int,
     start: int,
     evaluation: GreedyEvaluation | None = None,
-) -> list[ObservationEpisode]:
+) -> Iterator[ObservationEpisode]:
     episodes = whole_number("episodes of rollouts", episodes, 1, SettingError)
     horizon = (evaluation or GreedyEvaluation()).horizon(task)
-    with closing(Environments(task, episodes, horizon)) as environments:
-        return environments.rollouts(policy, start)
+    together = min(episodes, OBSERVATION_ROLLOUTS)
+    with closing(Environments(task, together, horizon)) as environments:
+        for first in range(0, episodes, together):
+            # Their numbers are in the lower bits, so that all episodes begin differently.
+            played = environments.rollouts(policy, start ^ first << 32)
+            yield from played[: episodes - first]
 
 
 # -- targets whose optimum is unknown --------------------------------------------------------------
@@ -150,25 +154,19 @@ class ObservationTarget:
     solution: None = None
     optimum: float = float("nan")
 
-    @cached_property
-    def _random(self) -> list[Any]:
-        return list(random_episodes(self.task, self.episodes, self.evaluation))
-
-    @property
-    def _random_returns(self) -> FloatArray:
-        return episode_returns(self._random, self.evaluation.discount(self.task))
-
     @property
     def random_return(self) -> float:
         """The mean return of the random policy."""
-        return float(self._random_returns.mean())
+        return self.random.value
 
-    @property
+    @cached_property
     def random(self) -> Estimated:
         """The return of the random policy, its standard error, and the steps of its rollouts."""
-        noise = self._random_returns.std(ddof=1) / np.sqrt(self.episodes)
-        steps = sum(len(episode.rewards) for episode in self._random)
-        return Estimated(self.random_return, float(noise), steps)
+        played = random_episodes(self.task, self.episodes, self.evaluation)
+        rewards = [episode.rewards for episode in played]
+        returns = discounted(rewards, self.evaluation.discount(self.task))
+        noise = float(returns.std(ddof=1) / np.sqrt(self.episodes))
+        return Estimated(float(returns.mean()), noise, sum(map(len, rewards)))
 
     @property
     def floor(self) -> float:
@@ -215,11 +213,11 @@ def random_play(
 ) -> tuple[Estimated, float]:
     """Return what the random policy returns in rollouts, and the noise of one evaluation of it.
 
-    The rollouts are those of `BATCHES` evaluations, but at most 50 where environments play.
+    The rollouts are those of `BATCHES` evaluations, but at most 200 where environments play.
     """
     of_one, observed = evaluation.rollouts(task), isinstance(task, ObservationTask)
     played = observed or is_live(generative_model(task))
-    episodes = min(BATCHES * of_one, OBSERVATION_ROLLOUTS if played else ROLLOUTS)
+    episodes = min(BATCHES * of_one, RANDOM_ROLLOUTS if played else ROLLOUTS)
     part = replace(evaluation, method="rollouts", episodes=episodes)
     if isinstance(task, ObservationTask):
         random = ObservationTarget(task, part).random
