@@ -22,6 +22,7 @@ import numpy as np
 
 from benchmarks.published.__main__ import markdown
 from curricle import GreedyEvaluation, read_study, run_study
+from curricle.comparison.measures import Contrast
 from curricle.comparison.sentences import share_saved, short
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.statistics import mean_interval
@@ -221,24 +222,31 @@ def rows(folder: Path, targets: Collection[str]) -> Iterator[tuple[str, ...]]:
     p is corrected for all targets (Holm).
     """
     made = finished(folder, targets)
-    comparisons = [results.comparison for results in made.values()]
-    p_values = [comparison.contrasts[ARM].p for comparison in comparisons]
-    corrected = holm(p_values + [1.0] * (len(targets) - len(made)))  # 1 where not yet played
-    for target, comparison, p in zip(made, comparisons, corrected, strict=False):
+    tested = [results.comparison for results in made.values() if not results.comparison.nobody]
+    p_values = [comparison.contrasts[ARM].p for comparison in tested]
+    # 1 where nobody learnt, or where it has not been played yet
+    corrected = iter(holm(p_values + [1.0] * (len(targets) - len(tested))))
+    for target, results in made.items():
+        comparison = results.comparison
         contrast, best = comparison.contrasts[ARM], comparison.best_opponent(ARM)
         areas = {short_name(arm): comparison.mean_return(arm) for arm in comparison.shown}
         area = areas.pop(ARM)
         returns = comparison.arms[ARM].curve.values.mean(axis=0)
         yield (
             target,
-            f"{int(made[target].source_steps(ARM)[0]):,}",
+            f"{int(results.source_steps(ARM)[0]):,}",
             ", ".join(f"{name} {other.estimate:.3g}" for name, other in areas.items()),
             f"{returns[0]:.3g}, {short(area)}, {returns[-1]:.3g}",
             f"{short(contrast.strong_gain)} ({short_name(best)})",
-            f"{contrast.answer if p < SIGNIFICANT else NO_DIFFERENCE}, p = {p:.2g}",
+            comparison.nobody or answered(contrast, next(corrected)),
             share_saved(comparison, ARM),
             short(contrast.weak_gain),
         )
+
+
+def answered(contrast: Contrast, p: float) -> str:
+    """Return the verdict on an arm by a corrected p."""
+    return f"{contrast.answer if p < SIGNIFICANT else NO_DIFFERENCE}, p = {p:.2g}"
 
 
 def short_name(arm: str) -> str:
