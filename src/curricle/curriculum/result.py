@@ -251,7 +251,7 @@ def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> t
             named = {key.removeprefix(start): x for key, x in items if key.startswith(start)}
             yield name, said, named
 
-    nodes, earlier = dict[str, LearningResult](), dict[str, SourceValues]()
+    nodes, earlier = dict[str, LearningResult](), dict[str, Learnt]()
     for name, said, arrays in parts("nodes"):
         node = KINDS[said["kind"]].of_file(saved, arrays, said, curriculum.tasks[name])
         nodes[name] = replace(node, learner=node.learner or curriculum.setting("learner", name))
@@ -260,39 +260,21 @@ def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> t
         check_value_arrays(arrays, len(seeds), pairs_of(saved, about["tasks"][name], task))
         values, steps = all_values_of(arrays, len(seeds)), frozen(arrays["steps_used"])
         earlier[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
-    _build_networks(curriculum, nodes, earlier)
-    # Potentials are computed from the sources' values, as in training.
-    sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **earlier}
-    potentials = {
-        name: curriculum.potentials(name, sources, seeds=len(nodes[name].seeds))
-        for name in about["trained"]
-    }
-    return nodes, potentials, earlier
-
-
-def _build_networks(
-    curriculum: Any,
-    nodes: dict[str, LearningResult],
-    earlier: dict[str, SourceValues],
-) -> None:
-    """Replace the parameters of networks by the networks, sources first."""
-    learnt: dict[str, Learnt] = {**earlier, **nodes}
-    if not any(curriculum.node(name).deep for name in learnt):
-        return
+    learnt = {name: SourceValues.of(result) for name, result in (nodes | earlier).items()}
     try:
-        built = source_values(
-            curriculum, {name: SourceValues.of(result) for name, result in learnt.items()}
-        )
+        sources = source_values(curriculum, learnt)  # networks instead of their parameters
     except RuntimeError as error:  # of PyTorch
         raise SettingError(
             "networks must be loaded with the learners they were trained with: "
             f"{' '.join(str(error).split())}"
         ) from None
-
-    everything: Any = nodes, earlier
-    for results in everything:
-        for name in results.keys() & built.keys():
-            results[name] = replace(results[name], values=built[name].values)
+    # Potentials are computed from the sources' values, as in training.
+    potentials = {
+        name: curriculum.potentials(name, sources, seeds=len(nodes[name].seeds))
+        for name in about["trained"]
+    }
+    nodes = {name: replace(node, values=sources[name].values) for name, node in nodes.items()}
+    return nodes, potentials, {name: sources[name] for name in earlier}
 
 
 # -- stored values, as plain data ------------------------------------------------------------------
