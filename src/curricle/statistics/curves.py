@@ -111,10 +111,9 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
         raise SettingError(
             f"window must be a whole number of checkpoints from 1 to {mean.shape[1]}: got {window}"
         )
-    original = mean.copy()
     for lag in range(1, int(window)):
         # A running mean, newest first: a constant row stays so, and rounding moves no threshold.
-        step = (original[:, :-lag] - mean[:, lag:]) / (lag + 1)
+        step = (values[:, :-lag] - mean[:, lag:]) / (lag + 1)
         mean[:, lag:] += np.where(np.isnan(step), 0.0, step)
     return mean
 

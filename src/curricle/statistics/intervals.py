@@ -74,18 +74,6 @@ class Interval(Frozen):
         return f"{counted(len(triples), 'value')}, first {first}, last {last}, {seeds}"
 
 
-def interquartile_mean(values: npt.ArrayLike) -> float | FloatArray:
-    """Return the mean of the middle half of the values, (K,) or (K, T); NaN where any is NaN."""
-    array = np.asarray(values, dtype=np.float64)
-    if len(array) == 0:
-        raise SettingError(f"an interquartile mean needs at least 1 seed: got shape {array.shape}")
-    cut = len(array) // 4
-    middle = np.partition(array, (cut, len(array) - cut - 1), axis=0)[cut : len(array) - cut]
-    # NaN is sorted last, and left out.
-    mean = np.where(np.isnan(array).any(axis=0), np.nan, middle.mean(axis=0))
-    return float(mean) if mean.ndim == 0 else mean
-
-
 def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> Interval:
     """Return the mean over seeds of `values`, (K,) or (K, T), with Student's interval, pointwise.
 
@@ -124,7 +112,10 @@ def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDE
     ordered = np.sort(array, axis=0)
     kept = np.clip(ordered, ordered[cut], ordered[k - 1 - cut])
     spread = kept.std(axis=0, ddof=min(1, k - 1)) * math.sqrt((k - 1) / max(remaining - 1, 1))
-    return _student(kept, interquartile_mean(array), spread, remaining, confidence)
+    middle = np.partition(array, (cut, k - cut - 1), axis=0)[cut : k - cut].mean(axis=0)
+    # NaN is sorted last, and left out.
+    middle = np.where(np.isnan(array).any(axis=0), np.nan, middle)
+    return _student(kept, middle, spread, remaining, confidence)
 
 
 def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
