@@ -32,7 +32,7 @@ from curricle.deep.learning import policy_return
 from curricle.deep.miniature import Examined
 from curricle.errors import CurricleError, CurriculumError, in_words
 from curricle.learning.seeds import seed_tuple
-from curricle.planning.greedy import Values, VisitedValues
+from curricle.planning.greedy import Values
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
 from curricle.progress import Bars, Progress, check_progress, shown
@@ -168,7 +168,7 @@ def _learning(
     node: Node, learnt: SourceValues, fresh: bool, workers: int | None, bars: Bars
 ) -> SourceLearning:
     target = Target.of(node.task, node.evaluation)
-    random, random_noise, _ = target.estimated(VisitedValues.none(learnt.values.shape[2]))
+    random, random_noise, _ = target.random
     returns, noise = _returns(target, learnt.values)
     reference, reference_noise, by, steps = float("nan"), 0.0, UNKNOWN, 0
     if target.solution is not None:
@@ -283,8 +283,7 @@ class Forecast:
     @property
     def best(self) -> ForecastRow:
         """The row with the highest gain; that in use without a trial."""
-        gains = {row: _estimate(row) for row in self._tried}
-        return max(gains, key=gains.__getitem__, default=self.used)
+        return max(self._tried, key=_estimate, default=self.used)
 
     @property
     def headroom(self) -> float:
@@ -327,7 +326,12 @@ class Forecast:
         """Return sentences and a table, in lines of at most `width` characters."""
         covers = (f"{name}: {cover}" for name, cover in self.coverage.items())
         lines = [folded(line, width) for line in (*self._sentences, *covers)]
-        if len(cells := self._cells) > 1:  # a single gain stands in the basis
+        cells = [
+            (row.name + " *" * row.used, f"{row.gain.estimate:.3g}")
+            for row in self._tried
+            if row.gain is not None
+        ]
+        if len(cells) > 1:  # a single gain stands in the basis
             lines += text_table(["", "gain"], cells, width)
         return "\n".join(lines)
 
@@ -336,15 +340,6 @@ class Forecast:
         return shortened(f"Forecast({self.target!r}: {self.answer}; potentials: {names})")
 
     _repr_html_ = printed
-
-    @property
-    def _cells(self) -> list[tuple[str, str]]:
-        """The rows that were tried: name, with a star if it is used, and gain."""
-        return [
-            (row.name + " *" * row.used, f"{row.gain.estimate:.3g}")
-            for row in self._tried
-            if row.gain is not None
-        ]
 
     @property
     def _tried(self) -> list[ForecastRow]:
@@ -523,15 +518,15 @@ def forecast(
         gains = {name: contrast.strong_gain for name, contrast in played.contrasts.items()}
         rows = [replace(row, gain=gains.get(row.name)) for row in rows]
     rows.sort(key=lambda row: (not row.aggregate, row.gain is None, -_estimate(row)))
-    labels = dict(zip(transfer_names(edges), edges, strict=True))
-    coverage: dict[str, Any]  # of mappings whose pairs are few enough to count
+    sample = list[Any]()  # of observations, where pairs are not numbered
     if isinstance(any_target, ObservationTarget):
         first: Any = curriculum.potentials(name, sources)[0]
-        sample = any_target.observations(first)
-        coverage = {label: edge.mapping.coverage(sample) for label, edge in labels.items()}
-    else:
-        countable = {label: edge for label, edge in labels.items() if edge.mapping.countable}
-        coverage = {label: edge.mapping.coverage() for label, edge in countable.items()}
+        sample.append(any_target.observations(first))
+    coverage = {
+        label: edge.mapping.coverage(*sample)
+        for label, edge in zip(transfer_names(edges), edges, strict=True)
+        if sample or edge.mapping.countable  # pairs are few enough to count
+    }
     return Forecast(
         name, coverage, tuple(rows), sources, learnt, start, played, no_trial,
         curriculum.knows_target(name),

@@ -116,11 +116,9 @@ class Reference:
         The task is solved unless the threshold is stated; `target` is the task solved before.
         """
         possible = possible_returns(node.task, node.evaluation.discount(node.task))
-        reference = cls(stated, STATED)
-        if stated is None or target is not None:
-            if target is None:
-                target = target_of(node.task, node.evaluation)
-            reference = cls.of(target, stated)
+        if stated is None and target is None:
+            target = target_of(node.task, node.evaluation)
+        reference = cls(stated, STATED) if target is None else cls.of(target, stated)
         reference = replace(reference, possible=possible)
         sampled = node.deep or isinstance(node.evaluation.kernel(node.task), RolloutEvaluation)
         if reference.random_return is not None and not sampled:
