@@ -427,7 +427,7 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
             task, learner = node.task.shapes, node.learner.algorithm
         else:
             task, learner = " x ".join(node.sizes), type(node.learner).__name__
-        steps = node.budget_text
+        steps = counted(node.budget, "step") if isinstance(node.budget, int) else str(node.budget)
         if node.distilled:
             steps = f"exact answers, {counted(node.most_steps, 'step')} charged"
         yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)

@@ -15,7 +15,7 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from heapq import heappop, heappush
 from itertools import groupby, product
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -47,6 +47,7 @@ from curricle.text import brief_repr
 from curricle.transfer.potential import AnyPotential
 from curricle.transfer.transfer import Transfer, same_transfer
 
+Item = TypeVar("Item")
 Dependencies = Mapping[str, Any]  # all on which a task's result depends, except the seed
 
 
@@ -134,9 +135,9 @@ class Plan:
         if compared:
             learners = [arm.setting("learner", arm.target) for arm in scratches.values()]
             check_comparable(curricula, None if own_learners else learners)
-            if scratches:
-                check_evaluated(first)
         target, node = first.target, first.node(first.target)
+        if compared and scratches and node.evaluation.method == "off":
+            raise SettingError(f"a comparison needs greedy evaluation: that of {target!r} is off")
         budget, total = None, None
         if compared and isinstance(node.budget, int):
             budget = node.budget
@@ -312,12 +313,6 @@ def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] |
                 raise CurriculumError(
                     f"arms must share their target's {which}: {pair} have {value} and {other_value}"
                 )
-
-
-def check_evaluated(arm: Curriculum) -> None:
-    """Raise SettingError if the target of an arm that is to be compared is not evaluated."""
-    if arm.node(arm.target).evaluation.method == "off":
-        raise SettingError(f"a comparison needs greedy evaluation: that of {arm.target!r} is off")
 
 
 # -- Training a unit -------------------------------------------------------------------------------
@@ -504,6 +499,14 @@ class _Learning(NamedTuple):
         return all(same) and all(map(same_transfer, self.transfers, other.transfers))
 
 
+def number_among(values: list[Item], value: Item, same: Callable[[Item, Item], bool]) -> int:
+    """Return the index of a value in a list of different values; append a new value."""
+    place = next((n for n, other in enumerate(values) if same(value, other)), len(values))
+    if place == len(values):
+        values.append(value)
+    return place
+
+
 class Memory:
     """The results of this process by key; tasks with equal results have one key."""
 
@@ -520,11 +523,7 @@ class Memory:
             before = tuple(keys[source] for source in curriculum.ancestors(task))
             changed = change if task == curriculum.target else ""
             new = _Learning(curriculum.node(task), curriculum.in_edges(task), before, changed)
-            equal = (k for k, learning in enumerate(self._learnings) if learning.equals(new))
-            number = next(equal, len(self._learnings))
-            if number == len(self._learnings):
-                self._learnings.append(new)
-            keys[task] = f"{number}"
+            keys[task] = f"{number_among(self._learnings, new, _Learning.equals)}"
         return keys, {}
 
     def train(

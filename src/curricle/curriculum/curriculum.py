@@ -157,11 +157,6 @@ class Node:
         return counted(model.states.size, "state"), counted(model.actions.size, "action")
 
     @property
-    def budget_text(self) -> str:
-        """The budget as text."""
-        return counted(self.budget, "step") if isinstance(self.budget, int) else str(self.budget)
-
-    @property
     def deep(self) -> bool:
         """Whether the task is seen through observations and learnt by a network."""
         return is_observation_task(self.task)
@@ -414,9 +409,7 @@ class Curriculum:
     @cached_property
     def order(self) -> tuple[str, ...]:
         """The tasks' names, every source before its targets."""
-        graph: dict[str, list[str]] = {name: [] for name in self.tasks}
-        for transfer in self.transfers:
-            graph[transfer.target].append(transfer.source)
+        graph = {name: [edge.source for edge in self.in_edges(name)] for name in self.tasks}
         try:
             return tuple(TopologicalSorter(graph).static_order())
         except CycleError as error:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -11,7 +11,7 @@ from PIL import Image
 from curricle.arrays import frozen
 from curricle.certificate.certification import certify
 from curricle.comparison.measures import STATED, Reference
-from curricle.comparison.plan import PlannedArm
+from curricle.comparison.plan import PlannedArm, number_among
 from curricle.comparison.task_differences import task_summary
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
 from curricle.curriculum.result import CurriculumResult
@@ -53,8 +53,6 @@ from curricle.tasks.observation_task import ObservationTask, is_observation_task
 from curricle.text import counted
 from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
-Item = TypeVar("Item")
-
 # -- The record of a study before it is run: plain data of its tasks and curricula -----------------
 
 
@@ -91,14 +89,14 @@ def curricula_record(planned: Mapping[str, PlannedArm]) -> CurriculaRecord:
             settings = [which for which in SETTINGS if which not in skipped]
             several = len(sources) > 1
             nodes[name] = NodeRecord(
-                task=_number(node.task, tasks, same_task),
+                task=number_among(tasks, node.task, same_task),
                 key=arm.keys.get(name, ""),
                 settings={w: _setting_text(curriculum.setting(w, name)) for w in settings},
                 aggregate=_aggregate(curriculum, name, "a custom aggregate") if several else None,
             )
         transfers = list[TransferRecord]()
         for edge in curriculum.transfers:
-            number = _number(edge, edges, same_transfer)
+            number = number_among(edges, edge, same_transfer)
             ends = {"source": edge.source, "target": edge.target}
             transfers.append(TransferRecord(**ends, words=transfer_words(edge), number=number))
         arms[label] = ArmRecord(
@@ -110,14 +108,6 @@ def curricula_record(planned: Mapping[str, PlannedArm]) -> CurriculaRecord:
             knows_target=any(map(curriculum.knows_target, curriculum.last_tasks)),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
-
-
-def _number(value: Item, values: list[Item], same: Callable[[Item, Item], bool]) -> int:
-    """Return the index of a value in a list of different values; append a new value."""
-    place = next((n for n, other in enumerate(values) if same(value, other)), len(values))
-    if place == len(values):
-        values.append(value)
-    return place
 
 
 def _task(task: Task | ObservationTask) -> TaskRecord:
