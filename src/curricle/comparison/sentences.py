@@ -500,11 +500,9 @@ class Finding:
     """The finding about an arm."""
 
     arm: str
-    control: bool
     tone: str  # "pays", "costs" or "open"
     verdict: str
     sentences: tuple[str, ...]
-    gain: Interval  # of strong transfer, in return
 
 
 def headline(arms: MeasuredArms) -> str:
@@ -572,8 +570,7 @@ def _finding(arms: MeasuredArms, row: Row) -> Finding:
     tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
     of_p = f" (p\xa0=\xa0{sure})" if sure else ""
     if arms.nobody:
-        lines = [_sentence(f"{arms.nobody}, so that there is no gain")]
-        return Finding(name, arms[name].control, tone, "", tuple(lines), contrast.strong_gain)
+        return Finding(name, tone, "", (_sentence(f"{arms.nobody}, so that there is no gain"),))
     lines = [
         f"{signed(contrast.strong_gain)} mean return over all {arms.total:,} steps, its "
         f"{row['source_steps']:,.0f} source steps counted{of_p}.",
@@ -590,8 +587,7 @@ def _finding(arms: MeasuredArms, row: Row) -> Finding:
         remarks += [headroom_sentence(arms, name), why_unknown(arms, [name])]
         remarks.append(instead(arms, name) * (tone == "costs"))
     lines += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
-    control, gain = arms[name].control, contrast.strong_gain
-    return Finding(name, control, tone, contrast.answer, tuple(lines), gain)
+    return Finding(name, tone, contrast.answer, tuple(lines))
 
 
 # -- What a forecast says of its trial -------------------------------------------------------------

@@ -32,6 +32,7 @@ from curricle.arrays import FloatArray
 from curricle.checks import listed
 from curricle.comparison import sentences
 from curricle.comparison.comparison import Comparison
+from curricle.comparison.measures import Contrast
 from curricle.comparison.plan import seed_ranges
 from curricle.errors import StoreError, in_words
 from curricle.files import Place, place_at, write_whole
@@ -484,16 +485,15 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
 # -- gains on one axis; what was swept or tuned: what was best, main effects -----------------------
 
 
-def forest(answers: Sequence[sentences.Finding]) -> tuple[float, dict[str, list[float]]]:
+def forest(contrasts: Mapping[str, Contrast]) -> tuple[float, dict[str, list[float]]]:
     """Return the positions of 0 and each gain's low, estimate and high, in percent of an axis."""
-    gains = [finding.gain for finding in answers]
-    if not gains:
+    if not contrasts:
         return 0.0, {}
+    gains = [contrast.strong_gain for contrast in contrasts.values()]
     low, middle, high = np.array([(g.low, g.estimate, g.high) for g in gains], float).T
     # One seed has no interval.
     ends = np.stack([np.where(np.isnan(low), middle, low), middle, np.fmax(middle, high)], axis=1)
     least = min(0.0, float(ends.min()))
     width = (max(0.0, float(ends.max())) - least) or 1.0
     percent = (100 * (ends - least) / width).tolist()
-    arms = [finding.arm for finding in answers]
-    return 100 * (0.0 - least) / width, dict(zip(arms, percent, strict=True))
+    return 100 * (0.0 - least) / width, dict(zip(contrasts, percent, strict=True))

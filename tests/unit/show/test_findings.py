@@ -105,11 +105,9 @@ def test_saved_steps_are_bounds_where_seeds_never_got_there():
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=5))
 def test_a_forest_keeps_order_and_stays_on_its_axis(gains):
     ordered = [sorted(gain) for gain in gains]
-    answers = [
-        SimpleNamespace(arm=str(i), gain=SimpleNamespace(low=low, estimate=middle, high=high))
-        for i, (low, middle, high) in enumerate(ordered)
-    ]
-    zero, places = forest(answers)
+    gains = [SimpleNamespace(low=low, estimate=middle, high=high) for low, middle, high in ordered]
+    contrasts = {f"{i}": SimpleNamespace(strong_gain=gain) for i, gain in enumerate(gains)}
+    zero, places = forest(contrasts)
     flat = [zero, *(place for three in places.values() for place in three)]
     assert min(flat) >= -1e-9
     assert max(flat) <= 100 + 1e-9
