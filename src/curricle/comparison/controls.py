@@ -35,6 +35,7 @@ from curricle.learning.stopping import StoppingRule
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import live_pairs, tables
 from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.start_states import with_start
 from curricle.transfer.by_components import identity
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 from curricle.transfer.pair import TaskPair
@@ -109,11 +110,8 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
     """Return a curriculum whose only source is its target, trained for `steps`."""
     name, task = curriculum.target, curriculum.tasks[curriculum.target]
     source = task
-    if label == "random start" and isinstance(task, GridWorld):
-        source = task.with_start("uniform")
-    elif label == "random start":
-        mdp = tables(task)
-        source = replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
+    if label == "random start":
+        source = with_start(task if isinstance(task, GridWorld) else tables(task), "uniform")
     storage = curriculum.setting("storage", name)
     both = {
         which: dict.fromkeys((SOURCE, name), curriculum.setting(which, name))
