@@ -42,8 +42,8 @@ def test_defaults_are_those_of_what_is_built(table, made):
 def test_settings_and_transfers_are_those_of_a_curriculum(tmp_path):
     assert set(settings.Settings.model_fields) == set(SETTINGS)
     defaults = settings.Settings()
-    for which, value in SETTINGS.items():  # an unknown_value that is stated counts as given
-        assert defaults.setting(which, tmp_path) == (None if which == "unknown_value" else value)
+    for which, value in SETTINGS.items():
+        assert defaults.setting(which, tmp_path) == value
     parameters = set(inspect.signature(cr.Transfer).parameters) - {"mapping"}
     assert parameters == set(settings.TransferTable.parameters)
     assert set(inspect.signature(cr.GridWorld.crop).parameters) - {"self"} == (

@@ -54,7 +54,7 @@ from curricle.transfer.transfer import Transfer
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
-    "unknown_value": 0.0,
+    "unknown_value": None,  # means 0, and that it was not given
     "potential": None,
     "learner": None,
     "budget": None,
@@ -290,7 +290,7 @@ class Curriculum:
     tasks: Mapping[str, Task]
     transfers: Sequence[Transfer] = ()
     aggregate: Aggregate | Mapping[str, Aggregate] = SETTINGS["aggregate"]
-    unknown_value: float | Mapping[str, float | None] | None = None
+    unknown_value: float | Mapping[str, float | None] | None = SETTINGS["unknown_value"]
     potential: Any = SETTINGS["potential"]
     learner: Learner | Mapping[str, Learner | None] | None = SETTINGS["learner"]
     budget: Budget | Mapping[str, Budget | None] | None = SETTINGS["budget"]
@@ -445,7 +445,7 @@ class Curriculum:
             return self._default_learner(name)
         if which == "shaping":
             return self._default_shaping(name)
-        return SETTINGS[which] if which == "unknown_value" else None
+        return 0.0 if which == "unknown_value" else None
 
     def check_networks(self, names: Sequence[str] | None = None) -> None:
         """Check the networks of tasks, by default all; SettingError names an unfit one's task."""
@@ -508,11 +508,9 @@ class Curriculum:
         return bounded and (few or (sparse and kind != "dense"))
 
     def _stated(self, which: str, name: str) -> Any:
-        """Return a setting of a task as stated, else its default; None for an `unknown_value`."""
+        """Return a setting of a task as stated, else as in `SETTINGS`."""
         stated = getattr(self, which)
-        if not isinstance(stated, Mapping):
-            return stated
-        return stated.get(name, None if which == "unknown_value" else SETTINGS[which])
+        return stated.get(name, SETTINGS[which]) if isinstance(stated, Mapping) else stated
 
     def _budget(self, name: str, stated: Budget | None) -> Budget:
         """Return the budget of a task; a rule ends a source when its return has converged."""
