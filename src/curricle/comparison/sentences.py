@@ -20,10 +20,11 @@ from curricle.comparison.measures import (
     MeasuredArms,
 )
 from curricle.comparison.verdicts import (
+    ASKING,
+    NOT_KNOWN,
     SIGNIFICANT,
     Verdict,
     difference,
-    not_known,
     seeds_to_show,
     steps_saved_share,
 )
@@ -304,9 +305,10 @@ def lines_below(arms: MeasuredArms) -> list[str]:
 
 def why_unknown(arms: MeasuredArms, names: Sequence[str]) -> str:
     """Return a sentence on what tells why curricula pay; empty where it is known."""
-    open_ = not_known([arms.reasons[name] for name in names])
-    of_files = "by what it knows? Not known without a placebo: pretraining that teaches nothing"
-    return of_files if open_ and arms.remarks else open_
+    if all(arms.reasons[name].why != "not known" for name in names):
+        return ""
+    of_files = "a placebo: pretraining that teaches nothing"
+    return f"{NOT_KNOWN} {of_files if arms.remarks else ASKING}"
 
 
 def nothing_learnt(arms: MeasuredArms) -> str:

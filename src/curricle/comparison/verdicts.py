@@ -377,6 +377,7 @@ def steps_saved_share(arm: Times, opponents: Sequence[Times]) -> Interval:
 
 
 NO_MORE = "not shown to gain more than from an unrelated task"
+NOT_KNOWN = "by what it knows? Not known without"
 ASKING = 'controls = ["placebo"] and constants (optimistic learners have none)'
 """How to ask why a curriculum pays, in a study file and, as an argument, of ``compare``."""
 
@@ -423,9 +424,3 @@ class Reason:
         return ", ".join(
             filter(None, (reasons.get(self.why), NO_MORE * no_more, FOUND * self.knows_target))
         )
-
-
-def not_known(reasons: Sequence[Reason]) -> str:
-    """Return the text on what tells why a curriculum pays; empty where it is known."""
-    open_ = any(reason.why == "not known" for reason in reasons)
-    return f"by what it knows? Not known without {ASKING}" if open_ else ""
