@@ -19,12 +19,7 @@ from curricle.arrays import FloatArray
 from curricle.candidates.candidates import KINDS, MAKERS, SourceCandidate, source_candidates
 from curricle.candidates.kinds import DesignTarget, Draft, design_target, family_members
 from curricle.checks import whole_number
-from curricle.comparison.comparison import (
-    Comparison,
-    checkpoints,
-    comparison_plan,
-    trained_comparison,
-)
+from curricle.comparison.comparison import Comparison, comparison_plan, trained_comparison
 from curricle.comparison.measures import Arm, Reference
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
@@ -316,12 +311,11 @@ def choose(
     memory = Memory()
     whole = comparison_plan(curricula, memory, opponents=OPPONENTS)
     reference = Reference.before(whole.target_node, None)
-    window = min(WINDOW, checkpoints(whole))
 
     def play(plan: Plan, seeds: tuple[int, ...], title: str) -> Comparison:
         grow, tell = cast(Any, (bars.bar(title, len(plan.arms)), bars.tell))
         one_bar = Bars(call=lambda name: (grow(), tell(name)))
-        return trained_comparison(plan, seeds, reference, window, memory, workers, one_bar)
+        return trained_comparison(plan, seeds, reference, WINDOW, memory, workers, one_bar)
 
     with shown(progress) as bars:
         choice = chosen(whole, play, seed)

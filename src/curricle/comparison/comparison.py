@@ -166,7 +166,7 @@ def compare(
     check_progress(progress)
     memory = Memory()
     plan = comparison_plan(arms, memory, controls, opponents, scratch)
-    window = min(whole_number("window", window, 1, SettingError), checkpoints(plan))
+    window = whole_number("window", window, 1, SettingError)
     if threshold is not None:
         threshold = number("threshold", threshold, SettingError)
     reference = Reference.before(plan.target_node, threshold)  # solving the target may fail
@@ -201,11 +201,6 @@ def comparison_plan(
     first = next(iter(arms.values()))
     scratches = {SCRATCH: from_scratch(first), **scratch_curricula(scratch, first)}
     return Plan.made(arms, scratches, memory.keys_of, controls=controls, opponents=opponents)
-
-
-def checkpoints(plan: Plan) -> int:
-    """Return the checkpoints within the target's own budget."""
-    return plan.steps[0] // plan.eval_freq + 1
 
 
 def trained_comparison(
@@ -246,6 +241,7 @@ def trained_comparison(
         raise next(iter(failed.values()))
     arms = {name: arms[name] for name in plan.arms if name in arms}
     reference = reference.after(arms[SCRATCH].curve)
+    window = min(window, plan.steps[0] // plan.eval_freq + 1)  # checkpoints of the target's budget
     return Comparison(plan.target, arms, *plan.steps, reference, window, failed)
 
 

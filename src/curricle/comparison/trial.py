@@ -9,12 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from curricle.comparison.comparison import (
-    Comparison,
-    checkpoints,
-    comparison_plan,
-    trained_comparison,
-)
+from curricle.comparison.comparison import Comparison, comparison_plan, trained_comparison
 from curricle.comparison.cost import NOMINAL, node_seconds
 from curricle.comparison.measures import Reference
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
@@ -128,11 +123,10 @@ def run_trial(
     memory = Memory() if memory is None else memory
     arms = {row.name: apart(row.curriculum) for row in rows}
     plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
-    window = min(WINDOW, checkpoints(plan))  # there may be fewer checkpoints
     reference = reference or Reference.before(plan.target_node, None)
     with shown(progress) as bars:
         numbers = seed_tuple(seeds)
-        return trained_comparison(plan, numbers, reference, window, memory, workers, bars)
+        return trained_comparison(plan, numbers, reference, WINDOW, memory, workers, bars)
 
 
 def apart(curriculum: Curriculum) -> Curriculum:
