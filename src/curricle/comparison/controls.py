@@ -113,10 +113,6 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
     if label == "random start":
         source = with_start(task if isinstance(task, GridWorld) else tables(task), "uniform")
     storage = curriculum.setting("storage", name)
-    both = {
-        which: dict.fromkeys((SOURCE, name), curriculum.setting(which, name))
-        for which in ("learner", "evaluation")
-    }
     return Curriculum(
         tasks={SOURCE: source, name: task},
         transfers=[Transfer(SOURCE, name, identity(task, source))],
@@ -124,7 +120,8 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
         budget={SOURCE: StoppingRule(steps), name: curriculum.setting("budget", name)},
         eval_freq={SOURCE: steps, name: curriculum.setting("eval_freq", name)},
         storage={SOURCE: replace(storage, save_values=True), name: storage},
-        **both,
+        learner=curriculum.setting("learner", name),
+        evaluation=curriculum.setting("evaluation", name),
     )
 
 

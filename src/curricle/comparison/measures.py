@@ -124,11 +124,10 @@ class Reference:
         if reference.random_return is not None and not sampled:
             return reference
         random, one_evaluation = random_play(node.task, node.evaluation)
-        noise = one_evaluation if sampled else 0.0
+        reference = replace(reference, random_noise=one_evaluation if sampled else 0.0)
         if reference.random_return is not None:
-            return replace(reference, random_noise=noise)
-        value, error, _ = random
-        return replace(reference, random_return=value, random_error=error, random_noise=noise)
+            return reference
+        return replace(reference, random_return=random.value, random_error=random.noise)
 
     @property
     def nothing_to_learn(self) -> bool:
