@@ -19,7 +19,7 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record
 from curricle.learning.result import Outcome, learning_result
-from curricle.learning.stopping import ALL_STEPS, NEVER_STOPS
+from curricle.learning.stopping import ALL_STEPS
 from curricle.progress import Progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
@@ -162,7 +162,7 @@ def learn_miniatures(
                     f"the random policy to the optimum of {task}"
                 )
             # With the steps that it is charged, and no episode.
-            outcomes.append(Outcome(record, network, task.cost, 0, 0, ALL_STEPS, NEVER_STOPS))  # type: ignore[arg-type]
+            outcomes.append(Outcome(record, network, task.cost, 0, 0, ALL_STEPS))  # type: ignore[arg-type]
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)

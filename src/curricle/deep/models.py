@@ -254,7 +254,8 @@ class DeepRun:
         ending = ended_by(self.budget, self.stopping, record, last, self.eval_freq)
         totals = recorder.steps, recorder.episodes, recorder.evaluation_steps
         # a network's values are a ValueSource
-        return Outcome(record, values, *totals, ending, self.stopping, self.floor_steps)  # type: ignore[arg-type]
+        bounds = self.stopping.level, self.stopping.floor
+        return Outcome(record, values, *totals, ending, *bounds, self.floor_steps)  # type: ignore[arg-type]
 
     @cached_property
     def limits(self) -> tuple[int, int]:

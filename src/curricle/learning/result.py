@@ -1,5 +1,6 @@
 """The result of learning: curves, values and totals of K seeds, joined, saved and shown."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -308,7 +309,8 @@ class Outcome:
     episodes_used: int
     evaluation_steps: int
     ended_by: str
-    kernel: StoppingKernel
+    level: float = math.nan  # the return that the stopping rule asks for
+    floor: float = -math.inf  # the return above which it may have settled
     floor_steps: int = 0
     own_rewards: bool = True
 
@@ -317,29 +319,11 @@ class Outcome:
         """Whether a sparse table had no row left."""
         return self.ended_by == MEMORY_FULL
 
-    @property
-    def level(self) -> float:
-        """The return that the stopping rule asks for."""
-        return self.kernel.level
-
-    @property
-    def floor(self) -> float:
-        """The return above which the return may have settled."""
-        return self.kernel.floor
-
 
 def ended_by(
-    budget: Budget,
-    kernel: StoppingKernel,
-    record: Record,
-    checkpoint: int,
-    eval_freq: int,
-    *,
-    out_of_memory: bool = False,
+    budget: Budget, kernel: StoppingKernel, record: Record, checkpoint: int, eval_freq: int
 ) -> str:
     """Return what ended a run after its last checkpoint, in a few fixed words."""
-    if out_of_memory:
-        return MEMORY_FULL
     if isinstance(budget, Episodes):
         return ALL_EPISODES
     if not isinstance(budget, StoppingRule):

@@ -37,7 +37,7 @@ from curricle.learning.record import Checkpoint, Record, note
 from curricle.learning.result import Outcome, ended_by
 from curricle.learning.seeds import SeedSettings
 from curricle.learning.shaping import QInitialisation, Shaping
-from curricle.learning.stopping import Budget, StoppingKernel, limits
+from curricle.learning.stopping import MEMORY_FULL, Budget, StoppingKernel, limits
 from curricle.learning.storage import (
     DenseTable,
     SparseTable,
@@ -192,11 +192,14 @@ class Run:
         out_of_memory: bool = False,
     ) -> Outcome:
         """Return the outcome of a seed, with what ended its run."""
-        checkpoint, record = totals.steps // self.eval_freq, seed.record
-        rule = self.budget, self.stopping, record, checkpoint, self.eval_freq
-        ending = ended_by(*rule, out_of_memory=out_of_memory)
-        counts = *totals, steps_of(seed.evaluation)
-        return Outcome(record, values, *counts, ending, self.stopping, self.floor_steps)
+        ending, last = MEMORY_FULL, totals.steps // self.eval_freq
+        if not out_of_memory:
+            ending = ended_by(self.budget, self.stopping, seed.record, last, self.eval_freq)
+        counts, bounds = (
+            (*totals, steps_of(seed.evaluation)),
+            (self.stopping.level, self.stopping.floor),
+        )
+        return Outcome(seed.record, values, *counts, ending, *bounds, self.floor_steps)
 
     # -- tables, filled and cleared ----------------------------------------------------------------
 
