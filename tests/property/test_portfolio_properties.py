@@ -18,7 +18,7 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.learning.portfolio import SOURCE, Tally, Turn, add_turn, next_member
+from curricle.learning.portfolio import SOURCE, Tally, add_turn, next_member
 from curricle.tasks.kernel import compiled
 from tests.oracle.conftest import play_portfolio_naively
 
@@ -169,7 +169,7 @@ def _turns(shares, tally, turns, acted):
     acting = SOURCE
     for i in range(len(turns)):
         acted[i] = acting
-        add_turn(tally, Turn(acting, turns[i, 0], turns[i, 1]))
+        add_turn(tally, acting, turns[i, 0], turns[i, 1])
         acting = next_member(shares, tally)
 
 

@@ -396,22 +396,16 @@ class Visits(NamedTuple):
 
 
 @inlined
-def outcome_of(next_state, reward):
-    """Return a hash of an outcome."""
-    return splitmix64(next_state ^ splitmix64(np.float64(reward).view(np.uint64)))
-
-
-@inlined
 def optimistic_rate(visits, row, action, next_state, reward):
     """Count a visit; return 1 before outcomes differ, then (H + 1) / (H + n) at visit n."""
     most = (np.uint64(1) << visits.half) - np.uint64(1)
     word = np.uint64(visits.words[row, action])
     n, last_outcome = word & most, word >> visits.half
     if not visits.differ[0]:
-        outcome = outcome_of(next_state, reward)
-        if n > np.uint64(0) and last_outcome != outcome & most:
+        outcome = splitmix64(next_state ^ splitmix64(np.float64(reward).view(np.uint64))) & most
+        if n > np.uint64(0) and last_outcome != outcome:
             visits.differ[0] = True
-        last_outcome = outcome & most
+        last_outcome = outcome
     n += np.uint64(n < most)
     visits.words[row, action] = (last_outcome << visits.half) | n
     if not visits.differ[0]:

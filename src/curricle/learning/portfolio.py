@@ -168,14 +168,6 @@ class Members(NamedTuple):
     source: DenseTable | SparseTable  # phi
 
 
-class Turn(NamedTuple):
-    """A turn that has ended."""
-
-    acting: np.uint64  # who acted
-    length: int  # its steps
-    earned: float  # its discounted return
-
-
 def longest_turn(discount: float, time_limit: int) -> int:
     """Return the steps after which a turn ends, if no episode has ended before."""
     if discount == 1 or time_limit * (1 - discount) <= WHOLE:
@@ -184,13 +176,12 @@ def longest_turn(discount: float, time_limit: int) -> int:
 
 
 @inlined
-def add_turn(tally, turn):
-    """Add a turn to the tally."""
-    acting = turn.acting
+def add_turn(tally, acting, length, earned):
+    """Add a turn to the tally: who acted, its steps, its discounted return."""
     tally.turns[acting] += 1.0
-    tally.steps[acting] += turn.length
+    tally.steps[acting] += length
     weight = 1.0 / (tally.turns[acting] if tally.turns[acting] < MEMORY else MEMORY)
-    deviation, kept = turn.earned - tally.mean[acting], 1.0 - weight
+    deviation, kept = earned - tally.mean[acting], 1.0 - weight
     tally.mean[acting] += weight * deviation
     tally.variance[acting] += weight * deviation * deviation
     tally.variance[acting] *= kept

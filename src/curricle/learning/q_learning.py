@@ -9,12 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from curricle.learning.general_loop import is_spent
-from curricle.learning.learners import (
-    Visits,
-    explore,
-    optimistic_rate,
-    sober_rate,
-)
+from curricle.learning.learners import Visits, explore, optimistic_rate, sober_rate
 from curricle.learning.model_based import note_outcome, plan_from
 from curricle.learning.portfolio import (
     INFORMED,
@@ -23,7 +18,6 @@ from curricle.learning.portfolio import (
     SOURCE,
     VISITS,
     Floor,
-    Turn,
     add_turn,
     next_member,
     source_is_ahead,
@@ -272,7 +266,7 @@ def learn_fast(model, rule, tables, beside, members, learnt_model, course):
             if members is not None:  # the members are compared by what the task maximises
                 earned, factor = earned + factor * reward, factor * course.discount
                 if ends or step - begun >= course.turn:
-                    add_turn(members.tally, Turn(acting, step - begun, earned))
+                    add_turn(members.tally, acting, step - begun, earned)
                     acting = next_member(members.shares, members.tally)
                     begun, earned, factor = step, 0.0, 1.0
             # Cutting off at the time limit is not termination: the target was bootstrapped.
