@@ -21,7 +21,7 @@ from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from secrets import token_hex
-from typing import IO, TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from urllib.parse import quote, urlsplit
 from urllib.request import url2pathname
 
@@ -347,26 +347,19 @@ def opened_archive(path: Place, *, whole: bool = False) -> Iterator[ArrayArchive
 BEFORE_HEADER = 10  # bytes of an array's file before its header, of which the last two say its size
 
 
-class ArrayHeader(NamedTuple):
-    """What the header of an array says."""
-
-    shape: tuple[int, ...]
-    order: Literal["C", "F"]
-    dtype: np.dtype[Any]
-
-
 def read_npy(content: bytes) -> npt.NDArray[Any]:
     """Return the array in the bytes of a file, without pickles; ValueError if it is malformed."""
     begin = BEFORE_HEADER + int.from_bytes(content[BEFORE_HEADER - 2 : BEFORE_HEADER], "little")
-    shape, order, dtype = _npy_header(content[:begin])
+    shape, fortran, dtype = _npy_header(content[:begin])
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(content) - begin:
         raise ValueError(f"an array of shape {shape} does not fill its file")
-    return np.frombuffer(content, dtype, offset=begin).copy().reshape(shape, order=order)
+    flat = np.frombuffer(content, dtype, offset=begin).copy()
+    return flat.reshape(shape, order="F" if fortran else "C")
 
 
 @lru_cache(maxsize=512)  # files of a folder have few headers, which are parsed as Python
-def _npy_header(content: bytes) -> ArrayHeader:
-    """Return what the header of an array says; ValueError if it is malformed."""
+def _npy_header(content: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, whether in Fortran's order, and type; ValueError if a header is malformed."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     if version != (1, 0):
@@ -377,7 +370,7 @@ def _npy_header(content: bytes) -> ArrayHeader:
         raise ValueError(f"an array's header must be valid: {error}") from None
     if dtype.kind not in KINDS:
         raise ValueError("its arrays must hold numbers or text, and no Python objects or records")
-    return ArrayHeader(shape, "F" if fortran else "C", dtype)
+    return shape, fortran, dtype
 
 
 ABOUT, FORMAT = "about.json", 1
