@@ -117,10 +117,8 @@ def in_words(error: BaseException) -> str:
 
 def place_of(error: BaseException) -> str:
     """Return the file, line and function of a user's code that raised an error; "" if none did."""
-    place, not_users = (
-        "",
-        (str(Path(__file__).parent) + sep, sysconfig.get_path("stdlib") + sep, "<"),
-    )
+    not_users = str(Path(__file__).parent) + sep, sysconfig.get_path("stdlib") + sep, "<"
+    place = ""
     for frame, line in walk_tb(error.__traceback__):
         code, path = frame.f_code, Path(frame.f_code.co_filename)
         installed = {"site-packages", "dist-packages"} & {*path.parts}

@@ -23,13 +23,7 @@ from curricle.learning.record import Record
 from curricle.learning.result import LearningResult, Outcome, learning_result
 from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
 from curricle.learning.shaping import Shaping
-from curricle.learning.stopping import (
-    Budget,
-    limits,
-    longest_run,
-    spacing,
-    stopping_kernel,
-)
+from curricle.learning.stopping import Budget, limits, longest_run, spacing, stopping_kernel
 from curricle.learning.storage import Storage, rows_allowed
 from curricle.learning.trainers import Run, check_sparse
 from curricle.planning.greedy import TIED

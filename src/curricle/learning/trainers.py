@@ -13,13 +13,7 @@ import numpy as np
 from curricle.arrays import FloatArray, FloatTable, IntArray, frozen
 from curricle.errors import SettingError
 from curricle.learning.general_loop import Acting, Course, GeneralTables, train
-from curricle.learning.learners import (
-    Q_LEARNING,
-    Learner,
-    OptimisticQLearning,
-    RMax,
-    Visits,
-)
+from curricle.learning.learners import Q_LEARNING, Learner, OptimisticQLearning, RMax, Visits
 from curricle.learning.model_based import LearntModel
 from curricle.learning.portfolio import (
     OPTIMIST,

@@ -17,13 +17,7 @@ from gymnasium.vector.utils import batch_space, iterate
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import brief, instance, number, numbers
 from curricle.errors import MappingError, PotentialError
-from curricle.tasks.mdp import (
-    Task,
-    available_actions,
-    duplicated,
-    generative_model,
-    live_pairs,
-)
+from curricle.tasks.mdp import Task, available_actions, duplicated, generative_model, live_pairs
 from curricle.tasks.observation_task import (
     Observations,
     ObservationTask,
@@ -382,10 +376,8 @@ def transferred(
     """
     unmapped_value = math.nan if unmapped_value is None else unmapped_value
     if (nothing := np.isneginf(values)).any():
-        index, values = (
-            np.where(nothing & (index >= 0), UNMAPPED, index),
-            np.where(nothing, 0, values),
-        )
+        index = np.where(nothing & (index >= 0), UNMAPPED, index)
+        values = np.where(nothing, 0, values)
     fixed = np.where(index == UNMAPPED, unmapped_value, shift)
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
 

@@ -23,12 +23,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_
 from curricle.planning.target import BATCHES, ROLLOUTS, STANDARD_ERRORS, Estimated, Target
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.live import is_live
-from curricle.tasks.mdp import (
-    Task,
-    available_actions,
-    closed,
-    generative_model,
-)
+from curricle.tasks.mdp import Task, available_actions, closed, generative_model
 from curricle.tasks.observation_task import Observations, ObservationTask, check_observation, stack
 from curricle.transfer.potential import ObservationPotential
 

@@ -24,11 +24,7 @@ from curricle.tasks.graph import steps_to
 from curricle.tasks.mdp import FiniteMDP, Task, closed, has_tables, same_task
 from curricle.tasks.observation_task import ObservationTask
 from curricle.text import brief_repr, counted, printed, shortened
-from curricle.transfer.bisimulation import (
-    by_homomorphism,
-    model_for_refinement,
-    refined,
-)
+from curricle.transfer.bisimulation import by_homomorphism, model_for_refinement, refined
 from curricle.transfer.by_components import by_alignment, by_name
 from curricle.transfer.mapping import (
     ENDED,
@@ -622,7 +618,6 @@ def announced(
     *,
     fit_unmapped: bool = True,
     say: Callable[[str], object] = print,
-    progress: Progress = None,
 ) -> FoundMapping:
     """Return the mapping found for a transfer; print it and the runner-up."""
     for role, task in (("target", target), ("source", source)):
@@ -638,7 +633,6 @@ def announced(
         fit_unmapped=fit_unmapped,
         scale=transfer.scale,
         shift=transfer.shift,
-        progress=progress,
     )
     candidates = _remembered(target, source, unmapped_value)
     say(f"mapping found for {transfer.source} -> {transfer.target}: {best}")
