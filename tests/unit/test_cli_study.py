@@ -45,45 +45,49 @@ def refused(curricle):
 
 
 @pytest.fixture
-def answer(curricle):
-    """A function: arguments -> the object that the command prints with --json, and no NaN."""
+def printed(curricle):
+    """A function: arguments -> what the command, which succeeds, prints."""
 
     def run(*arguments):
-        code, out, complaint = curricle(*arguments, "--json")
+        code, out, complaint = curricle(*arguments)
         assert code == 0, complaint
-        return json.loads(out, parse_constant=pytest.fail)
+        return out
 
     return run
+
+
+@pytest.fixture
+def answer(printed):
+    """A function: arguments -> the object that the command prints with --json, and no NaN."""
+    return lambda *arguments: json.loads(printed(*arguments, "--json"), parse_constant=pytest.fail)
 
 
 # -- new, check, schema ------------------------------------------------------------------------
 
 
-def test_a_new_study_runs_as_it_is_and_its_commands_can_be_pasted(curricle, refused, tmp_path):
-    code, out, _ = curricle("new")
-    assert [line.split()[0] for line in out.splitlines()[1 : 1 + len(KINDS)]] == list(KINDS)
-    code, out, _ = curricle("new", "maze", "my maze.toml")
+def test_a_new_study_runs_as_it_is_and_its_commands_can_be_pasted(printed, refused, tmp_path):
+    listed = printed("new").splitlines()[1 : 1 + len(KINDS)]
+    assert [line.split()[0] for line in listed] == list(KINDS)
     check, run = "curricle check 'my maze.toml'", "curricle run 'my maze.toml'"
-    assert (code, out) == (0, f"Wrote my maze.toml: {check}, then {run}\n")
+    assert printed("new", "maze", "my maze.toml") == f"Wrote my maze.toml: {check}, then {run}\n"
     study = read_study(tmp_path / "my maze.toml")
     names = {name for plan in study.arms.values() for name in plan.tasks}
     quick = [f"--set=tasks.{name}.budget=400" for name in names]
-    code, out, complaint = curricle("run", "my maze.toml", "--seeds", "1", *quick)
-    assert code == 0, complaint
+    out = printed("run", "my maze.toml", "--seeds", "1", *quick)
     show, report = "curricle show 'my maze-results'", "curricle report 'my maze-results'"
     assert out == f"Stored in my maze-results: {show}, {report}\n"
     done = StudyResults(tmp_path / "my maze-results")
     assert (done.seeds, done.record.name) == ((0,), study.name)
-    code, out, _ = curricle("show", "my maze-results")  # one seed, which deviates from nothing
+    out = printed("show", "my maze-results")  # one seed, which deviates from nothing
     assert "1 of 1 seed finished" in out
     assert "±" not in out
     # A report that would be refused is not offered.
     alone = ("--seeds=1", *quick, "--set", "scratch=false", "--out", "alone")
-    assert curricle("run", "my maze.toml", *alone)[1] == "Stored in alone: curricle show alone\n"
+    assert printed("run", "my maze.toml", *alone) == "Stored in alone: curricle show alone\n"
     refused(1, "a comparison needs the target learnt from scratch", "report", "alone")
 
 
-def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
+def test_a_new_study_takes_nobodys_place(printed, refused, tmp_path):
     (tmp_path / "maze.toml").write_text("years of work")
     refused(1, "a new study needs a new file: maze.toml is there already", "new", "maze")
     assert (tmp_path / "maze.toml").read_text() == "years of work"
@@ -93,7 +97,7 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
     refused(1, "called 'labyrinth'; curricle new without a name lists", "new", "labyrinth")
     refused(1, "no study 'mase' to start from, did you mean 'maze'?", "new", "mase")
     refused(1, "did you mean FrozenLake-v1", "new", "FrozenLakes-v1")
-    assert curricle("new", "maze", "other.toml")[0] == 0
+    printed("new", "maze", "other.toml")
 
 
 @pytest.mark.parametrize(
@@ -106,16 +110,14 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
         ("Acrobot-v1", "observation_task"),
     ],
 )
-def test_a_new_study_of_an_environment_is_one(curricle, tmp_path, name, form):
-    code, _, complaint = curricle("new", name)
-    assert code == 0, complaint
+def test_a_new_study_of_an_environment_is_one(printed, tmp_path, name, form):
+    printed("new", name)
     assert f'type = "{form}"' in (tmp_path / f"{name}.toml").read_text()
     assert read_study(tmp_path / f"{name}.toml").curricula
 
 
-def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tmp_path):
-    code, out, complaint = curricle("check", study_file)
-    assert code == 0, complaint
+def test_check_tells_all_and_trains_sources_only(printed, study_file, calls, tmp_path):
+    out = printed("check", study_file)
     lines = out.splitlines()
     assert lines[0] == "chain: 4 arms, 4 seeds, 16 units"
     cost_at = next(n for n, line in enumerate(lines) if line.startswith("cost at most"))
@@ -146,7 +148,7 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tm
 # -- run ---------------------------------------------------------------------------------------
 
 
-def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
+def test_run_seeds_settings_workers_and_resume(curricle, printed, study_file, tmp_path):
     run = partial(curricle, "run", study_file, "--set", "tasks.maze.budget=300")
     code, out, progress = run("--seeds", "0-2", "--workers", "1")
     assert code == 0
@@ -162,38 +164,31 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     code, _, progress = run("--seeds", "0-3", "--resume")
     assert code == 0
     assert "\n8 of 8 units, " in progress
-    code, out, _ = curricle("run", study_file, "--resume", "--dry-run")
-    assert code == 0
+    out = printed("run", study_file, "--resume", "--dry-run")
     assert out.startswith("scratch: maze, seeds 0-3, is stale and trained again: budget was 300")
 
 
-def test_run_in_processes_is_the_same(curricle, study_file, finished, tmp_path, contents):
-    code, _, complaint = curricle(
-        "run", study_file, "--out", "out", "--processes", "--workers", "1"
-    )
-    assert code == 0, complaint
+def test_run_in_processes_is_the_same(printed, study_file, finished, tmp_path, contents):
+    printed("run", study_file, "--out", "out", "--processes", "--workers", "1")
     assert contents(tmp_path / "out") == contents(finished)
 
 
 def test_a_dry_run_says_what_is_left_and_does_nothing(
-    curricle, refused, study_file, finished, copied, tmp_path, contents
+    printed, refused, study_file, finished, copied, tmp_path, contents
 ):
     refused(1, "results need a folder", "run", study_file, "--dry-run", "--out", study_file)
-    code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out")
-    lines = out.splitlines()
-    assert code == 0
+    dry = partial(printed, "run", study_file, "--dry-run", "--out")
+    lines = dry("out").splitlines()
     assert lines[0] == "scratch: maze, seeds 0-1: 1,500 steps at most"
     assert lines[-1] == "16 units to do, 0 done, in out"
     assert len(lines) == 17
     assert not (tmp_path / "out").exists()
-    code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out", "--shard", "2/2")
-    assert out.splitlines()[-1] == "8 units to do, 0 done, in out"
-    code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out", "--arm", "chain")
-    assert {line.partition(":")[0] for line in out.splitlines()[:-1]} == {"scratch", "chain"}
+    assert dry("out", "--shard", "2/2").splitlines()[-1] == "8 units to do, 0 done, in out"
+    lines = dry("out", "--arm", "chain").splitlines()[:-1]
+    assert {line.partition(":")[0] for line in lines} == {"scratch", "chain"}
     StudyStore(copied).units()[0].path.unlink()
     before = contents(copied)
-    code, out, _ = curricle("run", study_file, "--dry-run", "--out", copied)
-    assert out.splitlines() == [
+    assert dry(copied).splitlines() == [
         "chain: corner, seeds 0-1: 300 steps at most",
         f"1 unit to do, 15 done, in {copied}",
     ]
@@ -222,7 +217,7 @@ def interruptible():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
-def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_path):
+def test_an_interrupted_run_ends_at_once_and_goes_on(printed, study_file, tmp_path):
     file = tmp_path / "long.toml"
     # Units of ten minutes each, after a quick one of each source.
     text = study_file.read_text().partition("[arms.chain]")[0]
@@ -240,17 +235,15 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
     assert lines[-1] == "curricle: interrupted; what was stored before is whole\n"
     assert "Traceback" not in "".join(lines)
     assert {unit.about.task for unit in StudyStore(tmp_path / "out").units()} == {"corner", "easy"}
-    code, out, _ = curricle("run", file, "--out", "out", "--dry-run", *long)
-    assert code == 0
+    out = printed("run", file, "--out", "out", "--dry-run", *long)
     assert out.splitlines()[-1] == "2 units to do, 4 done, in out"
 
 
 # -- show, compare, merge ----------------------------------------------------------------------
 
 
-def test_show_prints_how_far_it_is_and_what_paid(curricle, refused, finished, copied):
-    code, out, _ = curricle("show", finished)
-    assert code == 0
+def test_show_prints_how_far_it_is_and_what_paid(printed, refused, finished, copied):
+    plain = out = printed("show", finished)
     assert out.startswith("chain: 4 of 4 seeds finished in every arm\n")
     study = StudyResults(finished)
     for arm, result in study.results.items():
@@ -258,21 +251,20 @@ def test_show_prints_how_far_it_is_and_what_paid(curricle, refused, finished, co
             (line,) = [text for text in out.splitlines() if text.startswith(f"{arm}: {node} ")]
             assert line.split()[2] == "4"
     assert out.endswith(f"\n{study.comparison}\n")
-    code, out, _ = curricle("show", finished, "--arm", "chain", "--task", "easy")
+    out = printed("show", finished, "--arm", "chain", "--task", "easy")
     assert "chain: easy" in out
     assert "chain: maze" not in out
     assert "state: easy" not in out
     elsewhere = ["--arm", "scratch", "--task", "easy"]
     refused(1, "a task of 'scratch' must be one of maze", "show", finished, *elsewhere)
-    code, plain, _ = curricle("show", finished)
-    code, out, _ = curricle("show", finished, "--explain")
+    out = printed("show", finished, "--explain")
     assert "strong gain: mean return above" not in plain
     assert out.startswith(plain)
     assert "\nstrong gain: mean return over" in out
     for unit in StudyStore(copied).units():
         unit.path.unlink()
-    code, out, _ = curricle("show", copied)
-    assert (code, "no unit is stored yet" in out, "greedy return" in out) == (0, True, False)
+    out = printed("show", copied)
+    assert ("no unit is stored yet" in out, "greedy return" in out) == (True, False)
 
 
 def test_answers_as_data_have_what_is_printed_and_nothing_else(
@@ -333,15 +325,14 @@ def test_the_list_of_folders_has_verdicts_and_what_is_lacking(curricle, finished
 
 
 def test_a_mistake_in_a_file_and_folders_to_be_merged(
-    curricle, refused, study_file, finished, copied, tmp_path
+    printed, refused, study_file, finished, copied, tmp_path
 ):
     file = tmp_path / "wrong.toml"
     file.write_text(study_file.read_text().replace("shaping = ", "shapping = ", 1))
     line = 1 + file.read_text().partition("shapping")[0].count("\n")
     refused(1, f"curricle: {file}, line {line}: ", "check", file)
     refused(1, "shapping is unknown, did you mean 'shaping'?", "run", file)
-    code, out, _ = curricle("merge", "whole", finished, copied)
-    assert (code, out) == (0, "4 seeds of 2 folders in whole\n")
+    assert printed("merge", "whole", finished, copied) == "4 seeds of 2 folders in whole\n"
     for name in ("results.parquet", "decisions.parquet"):
         assert (tmp_path / "whole" / name).read_bytes() == (finished / name).read_bytes()
     refused(2, "Missing argument", "merge", "whole")
@@ -356,15 +347,11 @@ def test_closed_streams_end_no_command(finished):
         assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_decisions_are_sentences(curricle, refused, finished):
-    code, out, _ = curricle("show", finished, "--decisions")
-    lines = out.splitlines()
-    assert code == 0
-    assert len(lines) == 4 * 9  # the last of each seed of each task of each arm
-    code, out, _ = curricle(
-        "show", finished, "--decisions", "--arm", "chain", "--task", "corner", "--seed", "1"
-    )
-    assert out.splitlines() == [
+def test_decisions_are_sentences(printed, refused, finished):
+    decisions = partial(printed, "show", finished, "--decisions")
+    assert len(decisions().splitlines()) == 4 * 9  # the last of each seed of each task of each arm
+    of_one = decisions("--arm", "chain", "--task", "corner", "--seed", "1")
+    assert of_one.splitlines() == [
         f"chain: corner, seed 1: {reason}"
         for reason in StudyResults(finished).decisions("chain", "corner")[1]
     ]
@@ -372,14 +359,11 @@ def test_decisions_are_sentences(curricle, refused, finished):
     refused(2, "--seed needs --decisions", "show", finished, "--seed", "1")
 
 
-def test_studies_of_one_target_are_compared(curricle, refused, study_file, finished, tmp_path):
+def test_studies_of_one_target_are_compared(printed, refused, study_file, finished, tmp_path):
     quick, easy = ["--seeds", "0-2", "--workers", "2"], "tasks.easy.budget"
     for folder, steps in (("a/of_600", 600), ("b/of_500", 500), ("c/of_600", 600)):
-        assert (
-            curricle("run", study_file, "--out", folder, *quick, "--set", f"{easy}={steps}")[0] == 0
-        )
-    code, out, _ = curricle("compare", "a/of_600", "b/of_500")
-    assert code == 0
+        printed("run", study_file, "--out", folder, *quick, "--set", f"{easy}={steps}")
+    out = printed("compare", "a/of_600", "b/of_500")
     assert "the best learner without a source, the target's own learner, leaves 0.0" in out
     arms = [line.split("  ")[0] for line in out.splitlines()[2:] if "  " in line]
     names = ("chain", "state", "scaled")
@@ -387,25 +371,14 @@ def test_studies_of_one_target_are_compared(curricle, refused, study_file, finis
     assert arms == ["scratch", *apart]  # by folder, where the names of studies are equal
     assert "1,400 steps" in out.splitlines()[0]  # the smaller total
     assert "3 seeds" in out.splitlines()[0]
-    code, out, _ = curricle("compare", "a/of_600", "c/of_600")
-    assert code == 0
-    assert "c/of_600: chain" in out
-    code, alone, _ = curricle("compare", finished)
-    assert alone == f"{StudyResults(finished).comparison}\n"
+    assert "c/of_600: chain" in printed("compare", "a/of_600", "c/of_600")
+    assert printed("compare", finished) == f"{StudyResults(finished).comparison}\n"
     refused(1, "need different folders", "compare", finished, finished)
     file = tmp_path / "stated.toml"
     file.write_text(f"threshold = 5.5\n{Path(study_file).read_text()}")
-    assert (
-        curricle("run", file, "--out", "c/of_600", "--resume", *quick, "--set", f"{easy}=600")[0]
-        == 0
-    )
-    refused(
-        1,
-        "threshold: 'chain' and 'chain' have none stated and 5.5; state one",
-        "compare",
-        "a/of_600",
-        "c/of_600",
-    )
+    printed("run", file, "--out", "c/of_600", "--resume", *quick, "--set", f"{easy}=600")
+    differs = "threshold: 'chain' and 'chain' have none stated and 5.5; state one"
+    refused(1, differs, "compare", "a/of_600", "c/of_600")
 
 
 # -- sweeps and tunings ------------------------------------------------------------------------
@@ -414,10 +387,9 @@ SWEEP = "[sweep]\nlearner.learning_rate = [0.1, 0.3]\n"
 TUNE = "[tune]\ntrials = 2\nseeds = 1\n[tune.space]\nlearner.epsilon = [0.1, 0.3]\n"
 
 
-def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
+def test_check_says_what_a_sweep_and_a_tuning_cost(printed, tmp_path):
     (tmp_path / "mazes.toml").write_text(MAZES + SWEEP + TUNE)
-    code, out, _ = curricle("check", "mazes.toml")
-    assert code == 0
+    out = printed("check", "mazes.toml")
     assert "mazes: 4 arms, 2 seeds, 6 units" in out
     assert "swept: learner.learning_rate = 0.1, 0.3" in out
     text = " ".join(out.split())
@@ -425,23 +397,19 @@ def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
     assert "forecasts are for the first settings of each arm" in out
 
 
-def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
+def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, printed, tmp_path):
     (tmp_path / "mazes.toml").write_text(MAZES + SWEEP + TUNE)
-    code, out, _ = curricle("run", "mazes.toml", "--dry-run")
-    assert code == 0
-    assert out.startswith("first of all 8 trials; ")
+    assert printed("run", "mazes.toml", "--dry-run").startswith("first of all 8 trials; ")
     code, _, complaint = curricle("run", "mazes.toml")
     assert code == 0
     assert "tuning: 8 trials" in complaint
-    code, out, _ = curricle("show", "mazes-results")
-    assert code == 0
+    out = printed("show", "mazes-results")
     assert "tuned on seed 1000000, " in out
     assert "shown here and not charged to the curves" in " ".join(out.split())
     assert out.count("main effects: mean return") == 1
     assert re.search(r"scratch +learner.learning_rate +0.3 ", out)
     assert "nan" not in out
-    code, out, _ = curricle("run", "mazes.toml", "--dry-run", "--resume")
-    assert out.startswith("0 units to do")
+    assert printed("run", "mazes.toml", "--dry-run", "--resume").startswith("0 units to do")
     code, _, complaint = curricle("run", "mazes.toml")
     assert code == 1
     assert "go on with --resume" in complaint
@@ -534,26 +502,23 @@ def opened(monkeypatch):
     return lambda: asked.wait(60) and addresses
 
 
-SHORT = "budget=400"
-
-
 def test_the_page_of_a_run_is_opened_while_it_runs_and_becomes_its_report(
-    curricle, opened, tmp_path
+    printed, opened, tmp_path
 ):
     Path("line.toml").write_text(CORNER, "utf-8")
-    code, out, _ = curricle("run", "line.toml", "--open", "--seeds", "2", "--set", SHORT)
+    out = printed("run", "line.toml", "--open", "--seeds", "2", "--set", "budget=400")
     (address,) = opened()
     page = Path(urlparse(address).path)
-    assert (code, page) == (0, tmp_path / "line-results" / "report.html")
+    assert page == tmp_path / "line-results" / "report.html"
     assert out.startswith("Open line-results/report.html: it is written anew")
     assert page.read_text("utf-8") == page_of(StudyResults("line-results"))
 
 
 def test_the_page_of_a_study_that_compares_nothing_is_no_report(
-    curricle, opened, study_file, tmp_path
+    printed, opened, study_file, tmp_path
 ):
     alone = ["--seeds", "1", "--set", "compared=false", "--arm", "chain", "--open"]
-    assert curricle("run", study_file, "--out", tmp_path / "out", *alone)[0] == 0
+    printed("run", study_file, "--out", tmp_path / "out", *alone)
     assert "The run is over" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
 
