@@ -29,6 +29,7 @@ from curricle.tasks.mdp import tables
 from curricle.transfer.rollouts import potential_return, target_of
 from tests.support.comparisons import MAZE, arm_of, assert_same, copied, corner, pursuit
 from tests.support.studies import CORNER
+from tests.support.tasks import dense_of
 
 LINE = cr.GridWorld("S.T", discount=0.5, time_limit=50)
 
@@ -36,6 +37,15 @@ LINE = cr.GridWorld("S.T", discount=0.5, time_limit=50)
 def look(plan, *target, **settings):
     """Return a forecast without a trial: what it says of the sources."""
     return cr.forecast(plan, *target, trial=False, **settings)
+
+
+def words_of(text):
+    return " ".join(str(text).split())
+
+
+def live_plan(near=60):
+    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9, live=True, time_limit=20)
+    return copied(lake, budget={"near": near, "far": 60})
 
 
 # -- rows ------------------------------------------------------------------------------------------
@@ -100,25 +110,11 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
     assert any(row.used for row in predicted.rows)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"target": "moon"}, "a task must be one of near, far, other: got 'moon'"),
-        ({"target": "near"}, "a forecast needs a task with a potential: 'near' has neither"),
-        ({"target": "far", "episodes": 0}, "episodes of an evaluation must be"),
-        ({"target": "far", "aggregates": [3]}, r"must be a function \(N, S, A\).*: got 3"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(settings, message, calls):
-    plan = cr.Curriculum(
-        tasks={"near": LINE, "far": LINE, "other": LINE},
-        transfers=[cr.Transfer("near", "far", cr.transfer.identity(LINE))],
-        budget=10,
-    )
-    with pytest.raises(cr.errors.CurricleError, match=message):
-        look(plan, seeds=1, **settings)
+def test_a_row_that_is_not_there_and_no_episodes_are_refused(calls):
+    with pytest.raises(SettingError, match="episodes of an evaluation must be"):
+        look(copied(LINE, budget=10), seeds=1, episodes=0)
     assert calls == []
-    with pytest.raises(cr.errors.CurriculumError, match="must be one of mean: got 'minimum'"):
+    with pytest.raises(CurriculumError, match="must be one of mean: got 'minimum'"):
         look(copied(LINE, budget=10), seeds=1)["minimum"]
 
 
@@ -134,16 +130,15 @@ def test_without_a_trial_no_forecast_says_what_learning_gains():
 
 
 def test_of_a_live_target_it_says_what_the_potential_s_own_policy_returns():
-    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9, live=True, time_limit=20)
-    plan = copied(lake, budget={"near": cr.StoppingRule(600), "far": 60})
+    plan = live_plan(near=cr.StoppingRule(600))
     predicted = cr.forecast(plan, seeds=2, episodes=30)
     potentials = plan.potentials("far", predicted.trained)
-    target = target_of(lake, episodes=30)
+    target = target_of(plan.tasks["far"], episodes=30)
     starts = [potential_return(phi, target, seed=k) for k, phi in enumerate(potentials)]
     assert predicted.start.potential == np.mean(starts)
     assert predicted.start.random != predicted.start.potential
     assert (
-        " ".join(str(predicted).split())
+        words_of(predicted)
         .split(" -> ")[0]
         .endswith(
             f"the potential's own policy returns {predicted.start.potential:.4g} in 'far', from 2 "
@@ -216,10 +211,6 @@ def test_one_seed_where_three_would_be_slow(check, monkeypatch):
 
 
 ALONE = {"opponents": ()}  # against the target's own learner and no other
-
-
-def words_of(text):
-    return " ".join(str(text).split())
 
 
 # -- the trial is the comparison, apart from its random numbers ------------------------------------
@@ -338,22 +329,22 @@ def test_seeds_that_never_reach_the_threshold_are_counted():
     fast, slow, nobody = [0, 9, 9, 9, 9, 9], [0, 0, 9, 9, 9, 9], arm_of([[0] * 6] * 3, 0, 100)
     scratch = arm_of([slow, [0, 0, 0, 0, 9, 9], [0] * 6], 0, 100)
     taught, late = arm_of([fast] * 3, 100, 100), arm_of([slow] * 3, 100, 100)
-    trial = Comparison("t", {"scratch": scratch, "a": taught}, 400, 500, Reference(9.0), 1)
+
+    def against(scratch, taught):
+        arms = {"scratch": scratch, "a": taught}
+        return Comparison("t", arms, 400, 500, Reference(9.0), 1)
+
+    trial = against(scratch, taught)
     assert steps_and_gain(trial, "a") == (
         "expected steps to the threshold 9: 200 with sources (their 100 steps included), at least "
         "367 [0, inf] (1 of 3 seeds never) from scratch; share of steps saved at least 0.45 "
         "[-0.54, 1.00]; gain in mean return 3.3 [-4.6, 11.2]"
     )
     assert likely(trial.contrasts["a"].strong_gain) == "whether it pays is open"
-    swapped = Comparison(
-        "t", {"scratch": arm_of([fast] * 3, 0, 100), "a": late}, 400, 500, Reference(9.0), 1
-    )
+    swapped = against(arm_of([fast] * 3, 0, 100), late)
     assert "; share of steps saved -2.00; " in steps_and_gain(swapped, "a")
-    alone = Comparison("t", {"scratch": nobody, "a": late}, 400, 500, Reference(9.0), 1)
-    assert (
-        ", never within 500 steps from scratch; share of steps saved at least 0.400; "
-        in steps_and_gain(alone, "a")
-    )
+    never = ", never within 500 steps from scratch; share of steps saved at least 0.400; "
+    assert never in steps_and_gain(against(nobody, late), "a")
 
 
 def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
@@ -380,28 +371,12 @@ def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
 # -- the headroom: the most that a source can gain -------------------------------------------------
 
 
-def slow_return(task, best):
-    """Return what an optimal or the random policy returns, by loops over all that can happen."""
-    mdp, actions = tables(task), range(task.actions.size)
-    values = [0.0] * task.states.size
+def slow_return(task, over_actions):
+    """Return what an optimal (np.max) or the random policy (np.mean) returns, by backups alone."""
+    (p, r), values = dense_of(tables(task)), np.zeros(task.states.size)
     for _ in range(task.time_limit):
-        backups = [
-            [
-                sum(
-                    p * (reward + task.discount * values[after])
-                    for p, reward, after in zip(
-                        mdp.probability[row], mdp.reward[row], mdp.next_state[row], strict=True
-                    )
-                )
-                for row in mdp.outcome_row[s]
-            ]
-            for s in range(len(values))
-        ]
-        values = [
-            0.0 if end else (max(of) if best else sum(of) / len(actions))
-            for of, end in zip(backups, mdp.terminal, strict=True)
-        ]
-    return sum(start * value for start, value in zip(mdp.start, values, strict=True))
+        values = over_actions(r + task.discount * p @ values, axis=1)
+    return tables(task).start @ values
 
 
 def test_a_forecast_begins_with_what_the_best_learner_without_a_source_leaves():
@@ -411,7 +386,7 @@ def test_a_forecast_begins_with_what_the_best_learner_without_a_source_leaves():
         curves = arms[name].curve.values
         areas = [sum((a + b) / 2 for a, b in pairwise(c)) / (len(c) - 1) for c in curves.tolist()]
         heights[name] = sum(areas) / len(areas)
-    best, random = slow_return(MAZE, best=True), slow_return(MAZE, best=False)
+    best, random = slow_return(MAZE, np.max), slow_return(MAZE, np.mean)
     missing = best - max(heights.values())
     assert max(heights, key=heights.get) == "scratch, OptimisticQLearning"
     assert foreseen.headroom == pytest.approx(missing / (best - random), rel=1e-9)
@@ -490,11 +465,6 @@ def test_what_to_use_instead_is_named_where_a_curriculum_costs_more(
 # -- where there is none ---------------------------------------------------------------------------
 
 
-def live_plan():
-    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9, live=True, time_limit=20)
-    return copied(lake, budget=60)
-
-
 def test_a_live_task_has_no_trial_and_its_words_are_weak():
     plan = live_plan()
     assert hindrance(plan).startswith("'near' is live and has no model")
@@ -513,20 +483,25 @@ def test_a_live_task_has_no_trial_and_its_words_are_weak():
 
 OFF = cr.GreedyEvaluation(method="off")
 EPISODES = copied(LINE, budget={"near": 50, "far": cr.Episodes(9)})
+EDGE = cr.Transfer("near", "far", cr.transfer.identity(LINE))
+THREE = cr.Curriculum({"near": LINE, "far": LINE, "other": LINE}, [EDGE], budget=10)
 
 
 @pytest.mark.parametrize(
     ("plan", "settings", "message"),
     [
+        (THREE, {"target": "moon"}, "a task must be one of near, far, other: got 'moon'"),
+        (THREE, {"target": "near"}, "a forecast needs a task with a potential: 'near' has neither"),
+        (THREE, {"target": "far", "aggregates": [3]}, r"a function \(N, S, A\).*: got 3"),
         (EPISODES, {"trial": True}, "models and a budget in steps: the budget of 'far' is 9 epis"),
         (copied(LINE, evaluation=OFF), {"trial": True}, "greedy evaluation of 'far' is off"),
         (live_plan(), {"trial": True}, "a trial needs models and a budget in steps: 'near' is l"),
         (corner(), {"trial": 3}, "trial must be True, False or None"),
     ],
 )
-def test_a_trial_that_makes_no_sense_is_refused(plan, settings, message, calls):
+def test_what_makes_no_sense_is_refused(plan, settings, message, calls):
     with pytest.raises(CurriculumError, match=message):
-        cr.forecast(plan, **settings)
+        cr.forecast(plan, **({"trial": False} | settings))
     assert calls == []
 
 
