@@ -13,22 +13,19 @@ MAZES = MAZES.replace("[tasks.corner]", "[tasks.corner]\nbudget = 200")
 RATES = "sweep.learner.learning_rate=[0.1, 0.3]"
 
 
-def rates(curricula, task="maze"):
-    return {
-        name: curriculum.setting("learner", task).learning_rate
-        for name, curriculum in curricula.items()
-    }
+def of_each(curricula, which, task="maze"):
+    """Return a setting of each curriculum, by its name."""
+    return {name: curriculum.setting(which, task) for name, curriculum in curricula.items()}
 
 
-@pytest.mark.parametrize(
-    "written",
-    [
-        "[sweep]\nlearner.learning_rate = [0.1, 0.3]",
-        '[sweep]\n"learner.learning_rate" = [0.1, 0.3]',
-    ],
-)
-def test_each_value_makes_an_arm_of_every_arm_and_of_scratch(read, written):
-    study = read(f"{MAZES}\n[arms.plain]\n[arms.state]\nshaping = 'StateShaping'\n{written}")
+def rates(curricula):
+    return {name: made.learning_rate for name, made in of_each(curricula, "learner").items()}
+
+
+@pytest.mark.parametrize("key", ["learner.learning_rate", '"learner.learning_rate"'])
+def test_each_value_makes_an_arm_of_every_arm_and_of_scratch(read, key):
+    arms = f"[arms.plain]\n[arms.state]\nshaping = 'StateShaping'\n[sweep]\n{key} = [0.1, 0.3]"
+    study = read(f"{MAZES}\n{arms}")
     assert rates(study.curricula) == {
         "plain, learning_rate=0.1": 0.1,
         "plain, learning_rate=0.3": 0.3,
@@ -36,17 +33,14 @@ def test_each_value_makes_an_arm_of_every_arm_and_of_scratch(read, written):
         "state, learning_rate=0.3": 0.3,
     }
     assert rates(study.scratch_curricula()) == {"scratch": 0.1, "scratch, learning_rate=0.3": 0.3}
-    assert study.curricula["state, learning_rate=0.3"].setting("learner", "corner") == QLearning(
-        0.3, 0.2
-    )
+    of_corner = of_each(study.curricula, "learner", "corner")
+    assert of_corner["state, learning_rate=0.3"] == QLearning(0.3, 0.2)
 
 
 def test_a_setting_that_does_not_touch_scratch_leaves_one_scratch(read):
     study = read(MAZES, set=["sweep.tasks.corner.budget=[100, 200]"])
     assert list(study.scratch_curricula()) == ["scratch"]
-    budgets = {
-        name: curriculum.setting("budget", "corner") for name, curriculum in study.curricula.items()
-    }
+    budgets = of_each(study.curricula, "budget", "corner")
     assert list(budgets) == ["transfer, corner.budget=100", "transfer, corner.budget=200"]
     assert [budget.max_steps for budget in budgets.values()] == [100, 200]
 
@@ -82,11 +76,8 @@ def test_tables_and_transfers_are_swept_by_number(read):
     assert scales == [1.0, 2.0]
     assert list(study.arms)[1] == "transfer, transfers.0.scale=2.0"
     kinds = read(MAZES, set=["sweep.learner=[{ type = 'SARSA' }, { type = 'QLearning' }]"])
-    learners = [
-        type(curriculum.setting("learner", "maze")).__name__
-        for curriculum in kinds.curricula.values()
-    ]
-    assert learners == ["SARSA", "QLearning"]
+    learners = of_each(kinds.curricula, "learner").values()
+    assert [type(learner).__name__ for learner in learners] == ["SARSA", "QLearning"]
     assert next(iter(kinds.arms)) == "transfer, learner={type=SARSA}"
 
 
