@@ -230,6 +230,7 @@ def test_a_portfolio_is_carried_over(hunt, monkeypatch):
     assert ", scale 1, in a portfolio: " in sentence
 
 
+LIVE = cr.from_gymnasium("FrozenLake-v1", discount=0.99, live=True)
 PLAN, ELSEWHERE = (cr.Curriculum({"t": of}, budget=300) for of in (MAZE, cr.GridWorld("S.T")))
 
 
@@ -244,15 +245,13 @@ PLAN, ELSEWHERE = (cr.Curriculum({"t": of}, budget=300) for of in (MAZE, cr.Grid
         ({"budget": cr.Episodes(3)}, SettingError, "budget"),
         ({"candidates": [PLAN], "kinds": (), "budget": 77}, CurriculumError, "differs in budget"),
         ({"candidates": [ELSEWHERE], "kinds": ()}, CurriculumError, "differs in states"),
+        ({"target": LIVE}, TaskError, "on="),
+        ({"target": PLAN}, SettingError, r"call choose\(plan.tasks\['t'\], \[plan\]\)"),
     ],
 )
 def test_what_cannot_be_chosen_from_is_refused(how, error, says):
     with pytest.raises(error, match=says):
-        cr.choose(MAZE, **how)
-    with pytest.raises(TaskError, match="on="):
-        cr.choose(cr.from_gymnasium("FrozenLake-v1", discount=0.99, live=True))
-    with pytest.raises(SettingError, match=r"call choose\(plan.tasks\['t'\], \[plan\]\)"):
-        cr.choose(PLAN)
+        cr.choose(**({"target": MAZE} | how))
 
 
 # -- Carried over from a smaller relative ----------------------------------------------------------
