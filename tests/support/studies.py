@@ -1,12 +1,13 @@
 """Study files that several tests read, and what reads them."""
 
+import json
 import textwrap
 from pathlib import Path
 
 import pytest
 
 from curricle.errors import ConfigError
-from curricle.study import read_study
+from curricle.study import StudyConfig, read_study
 
 HUNT = """
 name = "hunt"
@@ -186,6 +187,11 @@ def contents_of(folder):
 def only(study, arm="transfer"):
     """Return the curriculum of a study's only arm."""
     return study.curriculum(arm)
+
+
+def again(study):
+    """Return the study that its plain data describe, once they were a text."""
+    return StudyConfig.from_data(json.loads(json.dumps(study.to_data())), study.folder)
 
 
 NUMBERED_HUNT = """\

@@ -20,7 +20,7 @@ from curricle.study_file import schema as settings, task_tables as tasks
 from curricle.study_file.file import merged
 from curricle.study_file.schema import table_of
 from curricle.transfer import aggregate as aggregation
-from tests.support.studies import CORNER, HUNT, MAZE, only
+from tests.support.studies import CORNER, HUNT, MAZE, again, only
 
 
 @pytest.mark.parametrize(
@@ -160,11 +160,6 @@ def test_a_task_is_the_one_described(read, table, made):
     study = read(f"name = 'x'\n[tasks.it]\n{table}")
     assert only(study).tasks["it"] == made
     assert again(study) == study
-
-
-def again(study):
-    """Return the study that its plain data describe."""
-    return StudyConfig.from_data(json.loads(json.dumps(study.to_data())), study.folder)
 
 
 LEARNER = "tasks.hunt.learner"
@@ -376,8 +371,8 @@ def test_a_configuration_holds_its_maps(read, tmp_path):
     )
     (tmp_path / "maze.txt").unlink()
     assert by_file == read(MAZE)
-    again = StudyConfig.from_data(by_file.to_data(), Path("elsewhere"))
-    assert only(again).tasks["maze"] == GridWorld(["....T", ".PPP.", "S...."])
+    elsewhere = StudyConfig.from_data(by_file.to_data(), Path("elsewhere"))
+    assert only(elsewhere).tasks["maze"] == GridWorld(["....T", ".PPP.", "S...."])
 
 
 # The schema and the templates.

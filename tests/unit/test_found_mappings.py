@@ -7,7 +7,6 @@ from hypothesis import given, strategies as st
 import curricle as cr
 from curricle import Transfer
 from curricle.errors import CurriculumError, MappingError, SettingError, TaskError
-from curricle.study.config import StudyConfig
 from curricle.transfer import (
     UNMAPPED,
     Proposal,
@@ -27,7 +26,7 @@ from curricle.transfer.by_components import at_goal
 from curricle.transfer.search import EXPECTILE, fitted_constant, mapping_fault
 from curricle.transfer.transfer import transfer_words
 from tests.support.refusals import check_refusal
-from tests.support.studies import CORNER
+from tests.support.studies import CORNER, again, only
 from tests.support.tasks import mdps, ring
 
 
@@ -348,8 +347,8 @@ def test_a_curriculum_states_it_where_one_transfer_says_all():
     ("more", "stated"),
     [([], True), (["unknown_value=-2.0"], False), (["unknown_value=0.0"], False)],
 )
-def test_a_study_states_it_as_a_curriculum_does(read, tmp_path, more, stated):
+def test_a_study_states_it_as_a_curriculum_does(read, more, stated):
     costs = "tasks.maze.rewards={ step = -1.0, treasure = 0.0 }"
     study = read(CORNER, set=["transfers.0.mapping=auto", costs, *more])
-    (edge,) = StudyConfig.from_data(study.to_data(), tmp_path).curriculum("transfer").transfers
+    (edge,) = only(again(study)).transfers
     assert (edge.mapping.unmapped_value is not None) is stated
