@@ -254,16 +254,14 @@ def test_bins_make_numbers_states():
 
 
 def test_wrong_whole_numbers_are_named():
-    for ranges in ([("a", (0, 3))], {}):
-        with pytest.raises(
-            cr.errors.TaskError, match="whole numbers need a dict from names to ran"
-        ):
+    no_dict, no_range = "need a dict from names to ran", "be two ascending whole numbers: 'a' has"
+    for ranges, said in (
+        *((wrong, f"whole numbers {no_dict}") for wrong in ([("a", (0, 3))], {})),
+        *(({"a": ends}, no_range) for ends in (5, (3,), (0, 1.5), (3, 0))),
+        ({"a": "word"}, "the range of 'a' must be an array of numbers"),
+    ):
+        with pytest.raises(cr.errors.TaskError, match=said):
             cr.interop.WholeNumbers(ranges)
-    for ends in (5, (3,), (0, 1.5), (3, 0)):
-        with pytest.raises(cr.errors.TaskError, match="be two ascending whole numbers: 'a' has"):
-            cr.interop.WholeNumbers({"a": ends})
-    with pytest.raises(cr.errors.TaskError, match="the range of 'a' must be an array of numbers"):
-        cr.interop.WholeNumbers({"a": "word"})
     of_numpy = cr.interop.WholeNumbers({"a": np.array([0, 3])})
     assert of_numpy == cr.interop.WholeNumbers({"a": (0, 3)})
 
@@ -324,31 +322,27 @@ def echo(space, observation, **settings):
 
 
 def test_states_and_actions_are_named():
+    made = partial(cr.from_gymnasium, discount=0.9)
     table = cr.Space([cr.Component("down", 4), cr.Component("right", 4)])
-    lake, live = (
-        cr.from_gymnasium("FrozenLake-v1", discount=0.9, states=table, live=live)
-        for live in (False, True)
-    )
+    lake, live = (made("FrozenLake-v1", states=table, live=live) for live in (False, True))
     assert lake.states.label(6) == "down=1 right=2"
     assert (live.states, live.actions) == (lake.states, lake.actions)
-    jack = cr.from_gymnasium("Blackjack-v1", discount=0.9)
-    assert jack.states.label(5) == "player=0 dealer=2 ace=usable"
+    assert made("Blackjack-v1").states.label(5) == "player=0 dealer=2 ace=usable"
+    jack = made("Blackjack-v1", names=["hand", "card", "ace"])
+    assert jack.states.label(5) == "hand=0 card=2 ace=usable"
     with pytest.raises(cr.errors.TaskError, match="name all 4 of the environment's: got 5"):
-        cr.from_gymnasium("FrozenLake-v1", discount=0.9, actions=cr.Space([cr.Component("a", 5)]))
+        made("FrozenLake-v1", actions=cr.Space([cr.Component("a", 5)]))
     echoed = echo(spaces.Discrete(12, start=1), 8, names=["place"])
     assert echoed.states.label(7) == "place=8"
     split = echo(spaces.Discrete(12, start=1), 8, names=["row", "column"], sizes=[3, 4])
     assert split.states.label(cr.planning.rollout(split, np.zeros(12, int)).states[0]) == (
         "row=1 column=3"
     )
-    ring = cr.from_gymnasium(Ring, discount=0.9, names=["place"])
-    assert ring.mdp.states.names == ("place",)  # by its table
+    assert made(Ring, names=["place"]).mdp.states.names == ("place",)  # by its table
     bins = cr.interop.Bins({"x": [0, 1, 2], "v": [0, 1]})
-    car = cr.from_gymnasium("MountainCar-v0", discount=0.9, encode=bins, names=["place", "speed"])
+    car = made("MountainCar-v0", encode=bins, names=["place", "speed"])
     assert car.states.names == ("place", "speed")
     assert car.states.components[0].labels == bins.states.components[0].labels
-    jack = cr.from_gymnasium("Blackjack-v1", discount=0.9, names=["hand", "card", "ace"])
-    assert jack.states.label(5) == "hand=0 card=2 ace=usable"
     task = echo(TWO, 0, actions=["left", "right"])
     assert [task.actions.label(a) for a in range(2)] == ["action=left", "action=right"]
     lake = cr.tabulate("FrozenLake-v1", discount=0.9, actions=list("wsen"))
