@@ -13,8 +13,8 @@ from curricle.errors import ConfigError, CurriculumError
 from curricle.interop import MiniGridFullView, MiniGridView
 from curricle.study import StudyConfig, StudyResults, compare_studies, run_study
 from curricle.study_file.own_code import load
-from tests.support.studies import MAZE, only, reader
-from tests.support.worlds_to_tabulate import Corridor
+from tests.support.studies import MAZE, again, only, reader
+from tests.support.worlds_to_tabulate import Corridor, assert_same_tables
 
 # Functions of the user's own.
 
@@ -94,8 +94,8 @@ def test_modules_of_one_name_in_two_folders_stay_apart(read, own):
     first, second = read(LINES, name="a/study.toml"), read(LINES, name="b/study.toml")
     assert [only(study).tasks["long"].states.size for study in (first, second, first)] == [5, 6, 5]
     assert "own" not in sys.modules
-    again = StudyConfig.from_data(first.to_data(), second.folder)
-    assert only(again).tasks["long"].states.size == 6
+    elsewhere = StudyConfig.from_data(first.to_data(), second.folder)
+    assert only(elsewhere).tasks["long"].states.size == 6
 
 
 def test_other_mappings(read):
@@ -155,14 +155,15 @@ def test_the_module_of_an_id_obeys_the_rule_of_functions(read, tmp_path, monkeyp
         return only(read(f"name = 'x'\ntasks.it = {{ type = 'gymnasium', id = '{name}' }}"))
 
     assert task("worlds:Beside-v0").tasks["it"].states.size == 16
-    for module, why in (("antigravity", "Python's own library"), ("pandas", "CURRICLE_ALLOW=pand")):
+    for module, why in (
+        ("antigravity", "Python's own library"),
+        ("pandas", "CURRICLE_ALLOW=pand"),
+        ("nowhere", "nowhere is neither beside the study file nor on"),
+        ("../x", "an id with a module must be module:Name-v0"),
+    ):
         with pytest.raises(ConfigError, match=why):
             task(f"{module}:Any-v0")
     assert "antigravity" not in sys.modules
-    with pytest.raises(ConfigError, match="nowhere is neither beside the study file nor on"):
-        task("nowhere:Any-v0")
-    with pytest.raises(ConfigError, match="an id with a module must be module:Name-v0"):
-        task("../x:Any-v0")
     monkeypatch.setenv("CURRICLE_ALLOW", "pandas")
     with pytest.raises(ConfigError, match="'pandas:Any-v0' failed with NameNotFound"):
         task("pandas:Any-v0")
@@ -236,9 +237,8 @@ def built_room(room_folder):
 
     def task(line=ROOM):
         study = reader(room_folder)(ROOMS.replace(ROOM, line))
-        again = StudyConfig.from_data(study.to_data(), room_folder)
-        assert again.to_data() == study.to_data()
-        return only(again, *again.arms).tasks["room"]
+        assert again(study).to_data() == study.to_data()
+        return only(again(study), *study.arms).tasks["room"]
 
     return task
 
@@ -303,25 +303,23 @@ def corridor(cells=4):
 """
 
 
-def assert_same(first, second):
-    assert first.states == second.states
-    for name in ("next_state", "reward", "terminal", "start"):
-        np.testing.assert_array_equal(getattr(first.mdp, name), getattr(second.mdp, name))
-
-
 def test_a_tabulated_environment_is_what_python_makes(read, tmp_path):
     (tmp_path / "own.py").write_text(OWN_LAMPS, "utf-8")
 
     def built(said):
         study = read(f"name = 'lamps'\ntasks.it = {{ type = {said} }}")
-        assert only(StudyConfig.from_data(study.to_data(), tmp_path)).tasks
+        assert only(again(study)).tasks
         return only(study).tasks["it"]
 
     corridor = "'tabulated', factory = 'own:corridor'"
     short = built(f"{corridor}, arguments = {{ cells = 3 }}")
-    assert_same(short, cr.tabulate(lambda: Corridor(3), discount=0.99))
     long = built(f"{corridor}, reset_seeds = [0, 2]")
-    assert_same(long, cr.tabulate(Corridor, discount=0.99, seeds=[0, 2]))
+    for task, same in (
+        (short, cr.tabulate(lambda: Corridor(3), discount=0.99)),
+        (long, cr.tabulate(Corridor, discount=0.99, seeds=[0, 2])),
+    ):
+        assert_same_tables(task, same)
+        assert task.states == same.states
     assert long.record.seeds == (0, 2)
     assert built("'tabulated', factory = 'own:slippery', outcomes = 'own:outcomes'").exact
     lake = built("'gymnasium', id = 'FrozenLake-v1', live = true")
@@ -362,8 +360,7 @@ def read_level(tmp_path):
 
 
 def only_task(study):
-    (curriculum,) = study.curricula.values()
-    return curriculum.tasks["level"]
+    return only(study, *study.arms).tasks["level"]
 
 
 @pytest.mark.parametrize(
@@ -374,12 +371,10 @@ def only_task(study):
         ("{ type = 'MiniGridFullView', width = 9, height = 7 }", MiniGridFullView(9, 7)),
     ],
 )
-def test_an_encoder_has_its_name_and_settings(read_level, tmp_path, encode, made):
+def test_an_encoder_has_its_name_and_settings(read_level, encode, made):
     study = read_level(encode)
-    assert only_task(study) == cr.observation_task(LEVEL, encode=made)
-    again = StudyConfig.from_data(study.to_data(), tmp_path)
-    assert again.to_data() == study.to_data()
-    assert only_task(again) == only_task(study)
+    assert only_task(study) == cr.observation_task(LEVEL, encode=made) == only_task(again(study))
+    assert again(study).to_data() == study.to_data()
 
 
 def test_a_function_of_environments_is_one(read_level):

@@ -32,6 +32,7 @@ from tests.support.worlds_to_tabulate import (
     Uncopyable,
     Unreadable,
     Unseeded,
+    assert_same_tables,
 )
 
 
@@ -210,13 +211,6 @@ def test_random_steps_are_refused_wherever_the_numbers_come_from(where):
         cr.tabulate(lambda: Slippery(where), discount=0.5)
 
 
-@pytest.mark.parametrize("state", [DeepCopy(), DeepCopy(observed=())])
-@pytest.mark.parametrize("where", PLACES)
-def test_samples_of_a_step_differ_wherever_the_numbers_come_from(where, state):
-    task = cr.tabulate(lambda: Slippery(where), discount=0.5, state=state, samples=200)
-    assert task.mdp.probability[task.mdp.outcome_row[0, 1]].max() == pytest.approx(0.5, abs=0.15)
-
-
 class Thing:
     def __init__(self, owner):
         self.owner = owner
@@ -239,11 +233,18 @@ class OwnCopy(Slippery):
 
 def test_dicts_are_read_in_an_order_that_copies_keep():
     task = cr.tabulate(Healths, discount=0.5)
-    assert_same_tables(task.mdp, cr.tabulate(Corridor, discount=0.5).mdp)
+    assert_same_tables(task, cr.tabulate(Corridor, discount=0.5))
 
 
-def test_samples_differ_where_a_class_copies_itself():
-    task = cr.tabulate(lambda: OwnCopy("attribute"), discount=0.5, samples=200)
+@pytest.mark.parametrize(
+    ("kind", "where", "state"),
+    [
+        *itertools.product([Slippery], PLACES, [DeepCopy(), DeepCopy(observed=())]),
+        (OwnCopy, "attribute", None),
+    ],
+)
+def test_samples_of_a_step_differ_wherever_the_numbers_come_from(kind, where, state):
+    task = cr.tabulate(lambda: kind(where), discount=0.5, state=state, samples=200)
     assert task.mdp.probability[task.mdp.outcome_row[0, 1]].max() == pytest.approx(0.5, abs=0.15)
 
 
@@ -324,18 +325,13 @@ def test_refusals_are_one_sentence(make, settings, said):
 
 def test_a_reset_without_a_seed_is_seeded():
     task = cr.tabulate(OldReset, discount=0.5, seeds=4)
-    assert_same_tables(task.mdp, cr.tabulate(Corridor, discount=0.5, seeds=4).mdp)
-
-
-def assert_same_tables(first, second):
-    for name in ("next_state", "reward", "terminal", "start"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert_same_tables(task, cr.tabulate(Corridor, discount=0.5, seeds=4))
 
 
 def test_states_that_look_alike_must_lead_alike():
     seen = cr.tabulate(Counting, discount=0.5, state=DeepCopy(observed=["place", "lit"]))
     assert seen.states.names == ("place", "lit")
-    assert_same_tables(seen.mdp, cr.tabulate(Corridor, discount=0.5).mdp)
+    assert_same_tables(seen, cr.tabulate(Corridor, discount=0.5))
     assert repr(seen).endswith(", states that look alike are one, 1 of several resets seen)")
     with pytest.raises(TaskError, match="states must lead alike where they look alike"):
         cr.tabulate(Dark, discount=0.5, state=DeepCopy(observed=()))
