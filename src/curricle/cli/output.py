@@ -1,8 +1,8 @@
 """The output of commands: tables as wide as the terminal, explained words, results, previews."""
 
-import math
+import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import asdict
 from io import StringIO
@@ -103,16 +103,9 @@ def json_alone(wanted: bool) -> Iterator[Data]:
     with redirect_stdout(StringIO()) if wanted else nullcontext():  # what modules print, too
         yield answer
     if wanted:
-        print(as_json(_finite(answer)).decode(), end="")
-
-
-def _finite(value: Any) -> Any:
-    """Return data for JSON, with null for numbers that are not finite."""
-    if isinstance(value, Mapping):
-        return {key: _finite(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        # JSON has null for numbers that are not finite.
+        finite = json.loads(json.dumps(answer), parse_constant=lambda _: None)
+        print(as_json(finite).decode(), end="")
 
 
 def comparison_data(comparison: Comparison) -> Data:
