@@ -166,22 +166,29 @@ def with_flipped_bits(file):
 
 
 def test_no_flipped_bit_of_a_unit_goes_unnoticed(copied):
-    file = StudyStore(copied).units()[0].path
+    first = StudyStore(copied).units()[0]
+    file, task = first.path, first.about.task
     assert StudyStore(copied).is_whole(StoredUnit.at(file))
     for _ in with_flipped_bits(file):
         unit, store = StoredUnit.at(file), StudyStore(copied)
         assert not store.is_whole(unit)
         with pytest.raises(StoreError, match=re.escape(f"{file} is damaged")):
-            unit.arrays("run")
+            unit.content(task, ("run",))
 
 
 def test_no_flipped_bit_of_what_is_read_of_a_large_unit_goes_unnoticed(copied, monkeypatch):
     monkeypatch.setattr("curricle.files.READ_AT_ONCE", 0)
     unit = StudyStore(copied).units()[0]
-    whole = {name: array.tobytes() for name, array in unit.arrays("run").items()}
+    task = unit.about.task
+
+    def read():
+        arrays = unit.content(task, ("run",)).arrays
+        return {name: array.tobytes() for name, array in arrays.items()}
+
+    whole = read()
     for _ in with_flipped_bits(unit.path):
         with suppress(StoreError):
-            assert {k: array.tobytes() for k, array in unit.arrays("run").items()} == whole
+            assert read() == whole
 
 
 def test_other_snapshots_are_refused_where_units_have_theirs(study_file, copied, contents):

@@ -127,9 +127,10 @@ def test_a_report_of_a_url_is_written_here(finished, copy, tmp_path, monkeypatch
 
 
 def test_what_is_read_of_a_large_unit_is_what_is_read_of_all(finished, copy, monkeypatch):
-    unit, wanted = StudyStore(copy).units()[0], StudyStore(finished).units()[0].arrays("run")
+    unit, stored = StudyStore(copy).units()[0], StudyStore(finished).units()[0]
+    wanted = stored.content(stored.about.task, ("run",)).arrays
     monkeypatch.setattr("curricle.files.READ_AT_ONCE", 0)
-    read = unit.arrays("run")
+    read = unit.content(stored.about.task, ("run",)).arrays
     assert read.keys() == wanted.keys()
     for name in read:
         np.testing.assert_array_equal(read[name], wanted[name])

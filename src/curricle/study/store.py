@@ -367,11 +367,6 @@ class StoredUnit:
         with self.opened() as (_, about):
             return about
 
-    def arrays(self, *groups: str) -> NamedArrays:
-        """Return the unit's arrays of some groups, such as ``run``, without pickles."""
-        with self.opened() as (archive, _):
-            return groups_in(archive, groups)
-
     def content(self, task: str, groups: Collection[str], most: int | None = None) -> UnitContent:
         """Return the arrays of some groups of a unit of a task, and its decisions.
 
