@@ -9,7 +9,7 @@ from curricle.errors import ConfigError, CurriculumError, SettingError
 from curricle.study import StudyConfig, run_study
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms
-from curricle.study.record import StudyRecord, plain, read_record
+from curricle.study.record import StudyRecord, read_record
 from tests.support.comparisons import (
     MAZE,
     alone as compare,
@@ -69,7 +69,7 @@ def test_they_survive_as_plain_data(tmp_path):
     assert Arms.of(again).keys == Arms.of(original).keys
     record = study_record(original, Arms.of(original))
     assert [name for name, arm in record.arms.items() if arm.scratch] == [*NAMES]
-    assert read_record(StudyRecord, plain(record)).arms == record.arms
+    assert read_record(StudyRecord, record.model_dump(mode="json")).arms == record.arms
     assert record.groups() == [("transfer",)]
 
 
@@ -107,7 +107,7 @@ def test_controls_of_a_study_are_those_of_compare(tmp_path):
     sources = {arms.keys["corner"] for arms in Arms.of(checked).arms.values() if arms.of}
     assert sources == {Arms.of(checked).keys["transfer", "corner"]}  # trained once
     assert results.record.groups() == [("transfer",)]
-    record = plain(results.record)
+    record = results.record.model_dump(mode="json")
     record["arms"]["transfer, placebo"]["control_of"] = "another"
     with pytest.raises(ValueError, match=r"control_of must be the arm before its controls"):
         read_record(StudyRecord, record)

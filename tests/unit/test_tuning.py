@@ -9,7 +9,6 @@ import pytest
 import curricle as cr
 from curricle.errors import ConfigError, StoreError, StudyError
 from curricle.study import StudyResults, merge, read_study, run_study
-from curricle.study.record import plain
 from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.store import ANALYSIS
 from curricle.study.tuning import TRIALS, effects_of
@@ -58,7 +57,8 @@ def tuning(tuned):
 def assert_same(folder, tuned):
     for name in (f"{TRIALS}/{RESULTS}", RESULTS):
         assert (folder / name).read_bytes() == (tuned / name).read_bytes(), name
-    assert plain(StudyResults(folder).record) == plain(StudyResults(tuned).record)
+    record, of_tuned = StudyResults(folder).record, StudyResults(tuned).record
+    assert record.model_dump(mode="json") == of_tuned.model_dump(mode="json")
 
 
 def test_workers_and_blocks_change_nothing(tuned_file, tuned, tmp_path):
@@ -113,7 +113,7 @@ def test_settings_that_changed_are_tuned_anew(tuned_file, tmp_path):
         study = read_study(tuned_file, set=["tune.trials=2", *settings])
         run_study(study, tmp_path / folder, resume=True, workers=1)
     out, new = (StudyResults(tmp_path / folder) for folder in ("out", "new"))
-    assert plain(out.record) == plain(new.record)
+    assert out.record.model_dump(mode="json") == new.record.model_dump(mode="json")
     assert (out.store.path / RESULTS).read_bytes() == (new.store.path / RESULTS).read_bytes()
 
 

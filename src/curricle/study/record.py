@@ -458,8 +458,3 @@ def first_mistake(error: ValidationError) -> str:
     place = ".".join(map(str, first["loc"])) or "it"
     text = first["msg"].removeprefix("Value error, ")
     return " ".join(f"{place}: {text[0].lower()}{text[1:]}".split())
-
-
-def plain(record: BaseModel) -> dict[str, Any]:
-    """Return a record as plain data for JSON, which :func:`read_record` reads."""
-    return record.model_dump(mode="json")

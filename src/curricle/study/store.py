@@ -41,7 +41,6 @@ from curricle.study.record import (
     Plain,
     UnitRecord,
     first_mistake,
-    plain,
     read_record,
     record_in,
 )
@@ -209,15 +208,14 @@ class DecisionRow(NamedTuple):
 
 DECISION_ROWS = TypeAdapter(list[DecisionRow])
 OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # name of an array of the seed in this row
-OF_UNITS = ("source_steps", "initial_values")
-"""Arrays by seed that a unit has besides its result's, the second if Q starts at a constant."""
 LARGEST_DECISIONS = 2**26  # most bytes of a unit's decisions: 300,000 decisions
 
 
 class UnitContent(NamedTuple):
     """What training a unit gave, and its file holds."""
 
-    arrays: Arrays  # arrays of the `LearningResult` (`arrays_of`), and of `OF_UNITS`
+    # Of the `LearningResult` (`arrays_of`), source_steps, and initial_values of a constant.
+    arrays: Arrays
     decisions: Sequence[DecisionRow]  # by seed and checkpoint
 
 
@@ -257,7 +255,7 @@ def unit_content(about: UnitRecord, result: UnitContent) -> bytes:
     """Return the content of a unit's file, which has equal bytes for equal results."""
     ordered = dict(sorted(result.arrays.items(), key=lambda item: GROUPS.index(group_of(item[0]))))
     decisions = json.dumps(result.decisions).encode()
-    further_files = {DECISIONS: decisions, ABOUT: as_json(plain(about))}
+    further_files = {DECISIONS: decisions, ABOUT: as_json(about.model_dump(mode="json"))}
     return archive_content(ordered, further_files, _snapshots_of(ordered))
 
 
@@ -559,7 +557,7 @@ class StudyStore:
 
     def write_record(self, name: str, record: Plain) -> None:
         """Write a record with a checksum."""
-        self.write(name, sealed(plain(record)))
+        self.write(name, sealed(record.model_dump(mode="json")))
 
     def record(self, name: str, model: type[Record]) -> Record:
         """Return the record in a file, an empty one without it; StoreError if it is damaged."""

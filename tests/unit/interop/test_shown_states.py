@@ -17,7 +17,7 @@ from curricle.pictures.episode import Episode
 from curricle.pictures.scenes import scene_of
 from curricle.show.replay import shown_episode
 from curricle.study.analysis import before_and_after
-from curricle.study.record import EpisodePair, EpisodeRecord, plain, read_record
+from curricle.study.record import EpisodePair, EpisodeRecord, read_record
 from curricle.tasks.spaces import state_name
 from tests.unit.show.studies import Reader, page_of, record
 
@@ -167,7 +167,7 @@ def test_an_episode_keeps_what_the_class_shows(corridor):
     values = np.zeros((2, 10, 2), np.float32)
     values[1, :, 1] = 1
     pair = before_and_after(Snapshots(0, np.array([0, 9]), values), corridor, 0.9)
-    after = read_record(EpisodePair, plain(pair)).after
+    after = read_record(EpisodePair, pair.model_dump(mode="json")).after
     texts = [after.drawings[number][0] for number in after.drawn]
     assert texts == ["." * place + "@" + "." * (9 - place) for place in range(10)]
     with Image.open(io.BytesIO(base64.b64decode(after.drawings[3][1]))) as picture:
