@@ -87,12 +87,12 @@ def curricula_record(planned: Mapping[str, PlannedArm]) -> CurriculaRecord:
             sources, node = curriculum.in_edges(name), curriculum.node(name)
             skipped = ("potential",) if sources else () if node.potential else OF_TARGETS
             settings = [which for which in SETTINGS if which not in skipped]
-            several = len(sources) > 1
+            aggregate = getattr(node.aggregate, "__name__", "a custom aggregate")
             nodes[name] = NodeRecord(
                 task=number_among(tasks, node.task, same_task),
                 key=arm.keys.get(name, ""),
                 settings={w: _setting_text(curriculum.setting(w, name)) for w in settings},
-                aggregate=_aggregate(curriculum, name, "a custom aggregate") if several else None,
+                aggregate=aggregate if len(sources) > 1 else None,
             )
         transfers = list[TransferRecord]()
         for edge in curriculum.transfers:
@@ -133,11 +133,6 @@ def _setting_text(value: object) -> str:
         return f"{value:,}"
     name = getattr(value, "__name__", None)
     return str(name) if name else value if isinstance(value, str) else plain_text(value)
-
-
-def _aggregate(curriculum: Curriculum, name: str, nameless: str) -> str:
-    """Return the name of the aggregate of a task."""
-    return str(getattr(curriculum.setting("aggregate", name), "__name__", nameless))
 
 
 def _depends_on_total(curriculum: Curriculum) -> str:

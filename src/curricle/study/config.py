@@ -75,6 +75,7 @@ from curricle.study_file.schema import (
 from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTask, started
 from curricle.study_file.vary import (
     SWEEP_HOME,
+    Messages,
     SweepTable,
     TuneTable,
     varied_arms,
@@ -87,7 +88,6 @@ from curricle.transfer.potential import written_potential
 
 ONLY_ARM = "transfer"  # the name of the arm of a study without arms
 Made = TypeVar("Made")
-Messages = Iterator[tuple[KeyPath, str]]  # key path and text of each mistake
 
 # -- The tables of a study: as written in a file, and with all settings filled in ------------------
 
@@ -189,7 +189,6 @@ class FileTable(RunTable, Settings):
     transfers: Transfers = ()
     """The transfers between tasks."""
     scratch_learners: dict[str, Annotated[AnyLearner, Unvalidated]] = Field({})
-    """Further learners from scratch by name, each what it changes in the target's."""
     arms: dict[str, Annotated[ArmPatch, Unvalidated]] = Field({})
     """What is compared: by name, what each changes; one arm by default."""
     sweep: SweepTable = SweepTable()

@@ -481,10 +481,7 @@ def _without_margins(drawing: str) -> str:
 def _cells_or(*words: str) -> object:
     """Return the type of a known word or a list of cells, which stands for a set."""
     rule = f"be {', '.join(map(repr, words))} or a list of cells"
-    cells = tuple[Pair, ...]
-    return Annotated[
-        Literal[words] | cells, word(rule, words, lists=cells), AfterValidator(_in_order)
-    ]
+    return Annotated[_listed_or(rule, tuple[Pair, ...], *words), AfterValidator(_in_order)]
 
 
 def _listed_or(rule: str, lists: object, *words: str) -> object:
