@@ -189,10 +189,8 @@ class Run:
         ending, last = MEMORY_FULL, totals.steps // self.eval_freq
         if not out_of_memory:
             ending = ended_by(self.budget, self.stopping, seed.record, last, self.eval_freq)
-        counts, bounds = (
-            (*totals, steps_of(seed.evaluation)),
-            (self.stopping.level, self.stopping.floor),
-        )
+        counts = *totals, steps_of(seed.evaluation)
+        bounds = self.stopping.level, self.stopping.floor
         return Outcome(seed.record, values, *counts, ending, *bounds, self.floor_steps)
 
     # -- tables, filled and cleared ----------------------------------------------------------------
