@@ -10,6 +10,8 @@ from curricle.study.arms import Arms
 from tests.support.hunters import observed
 from tests.support.studies import OBSERVED_HUNT as HUNT, reader
 
+FIRST = HUNT.partition('target = "hunt"\n')[2].partition("[[")[0].rstrip()
+"""What the first transfer reads."""
 DEEP = 'learner = { type = "deep", settings = { learning_rate = 1e-3 } }'
 CART = """
 name = "cart"
@@ -110,7 +112,7 @@ def test_environments_of_ones_own_are_made_again_and_again(read):
     assert "own:corridor(length=7) against" in environment
 
 
-def test_classes_of_ones_own_are_named_in_settings(read):
+def test_classes_of_ones_own_are_named_in_settings(read, tmp_path):
     kwargs = 'policy_kwargs = { features_extractor_class = "own:Extractor" }'
     study = read(CART, ("policy_kwargs = { net_arch = [8, 8] }", kwargs))
     learner = study.curriculum("transfer").setting("learner", "cart")
