@@ -469,6 +469,23 @@ class Curriculum:
 
         in_tables = [edge.source for edge in edges if not self.node(edge.source).deep]
         check_learner(node.learner, node.shaping if self.has_potential(name) else None, in_tables)
+        if isinstance(node.shaping, WeightTransfer):
+            self._check_weights(name)
+
+    def _check_weights(self, name: str) -> None:
+        """Raise SettingError unless a task's network can begin as the network of its source."""
+        first, *more = self.in_edges(name)
+        if more:
+            raise SettingError(
+                "WeightTransfer takes over the network of one source, and several in a chain, each "
+                f"the source of the next: {name!r} has {', '.join(e.source for e in (first, *more))}"
+            )
+        task, source = self.tasks[name].actions, self.tasks[first.source].actions
+        if space_form(task) != space_form(source):
+            raise SettingError(
+                "WeightTransfer needs as many actions in the source as in the target: "
+                f"{first.source!r} has {source}, {name!r} has {task}"
+            )
 
     def _default_learner(self, name: str) -> Any:
         """Return the default learner of a task: OptimisticQLearning for a first one, if possible.
