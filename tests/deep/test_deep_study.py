@@ -4,14 +4,15 @@ import re
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.cli.output import print_results
+from curricle.cli.output import graph, print_preview, print_results
 from curricle.comparison.plan import PlannedArm
 from curricle.deep import models
-from curricle.errors import ConfigError
+from curricle.errors import ConfigError, SettingError
 from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.analysis import curricula_record
@@ -232,9 +233,54 @@ def test_settings_of_a_tuning_that_no_network_takes_are_refused_beforehand(tmp_p
     file = tmp_path / "hunt.toml"
     space = "tasks.hunt.learner.settings.n_step = [1, 2]"
     file.write_text(f"{OBSERVED_HUNT}[tune]\ntrials = 2\n[tune.space]\n{space}\n")
-    with pytest.raises(ConfigError, match="got 'n_step', did you mean 'n_steps'"):
+    wrong = pytest.raises(ConfigError, match="got 'n_step', did you mean 'n_steps'")
+    with wrong:
         run_study(read_study(file), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+    with wrong:
+        print_preview(read_study(file))
+
+
+class Drive(gym.Env):
+    """A car that stays where it is, with some ways to go."""
+
+    observation_space = gym.spaces.Box(-1, 1, (2,))
+
+    def __init__(self, ways=2):
+        self.action_space = gym.spaces.Discrete(ways)
+
+    def reset(self, *, seed=None, options=None):
+        return np.zeros(2, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(2, np.float32), 0.0, True, False, {}
+
+
+@pytest.mark.parametrize(
+    ("sources", "said"),
+    [
+        ([2, 2], "takes over the network of one source, .*: 'target' has source 0, source 1"),
+        ([3], r"equal numbers of actions .*: 'source 0' has Discrete\(3\), 'target' has Discr"),
+        ([2], ""),
+    ],
+)
+def test_weights_that_cannot_be_taken_over_are_refused_beforehand(sources, said):
+    tasks = {
+        f"source {k}": cr.observation_task(Drive, ways=n, time_limit=9)
+        for k, n in enumerate(sources)
+    }
+    plan = cr.Curriculum(
+        {**tasks, "target": cr.observation_task(Drive, time_limit=9)},
+        [cr.Transfer(name, "target") for name in tasks],
+        shaping=cr.deep.WeightTransfer(),
+        learner=cr.deep.DeepLearner("PPO"),
+    )
+    if said:
+        with pytest.raises(SettingError, match=said):
+            plan.check_networks()
+    else:
+        plan.check_networks()
+        assert [line for line in graph(plan) if line.endswith("; WeightTransfer")]
 
 
 def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):

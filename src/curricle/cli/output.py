@@ -31,7 +31,7 @@ from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig, rivals
 from curricle.study.results import StudyResults
-from curricle.study.running import usable_units
+from curricle.study.running import check_runnable, usable_units
 from curricle.study.store import (
     CHOICE,
     STUDY,
@@ -378,7 +378,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> Data:
     if study.choose:
         print_text("before that, its arm is chosen; the costs above are of the file's own arms")
     try:
-        study.check_networks()
+        check_runnable(study)
     except SettingError as error:
         print_text(str(error))
     return answer | {"forecasts": print_forecasts(study, arms, costing, forecast)}
@@ -423,10 +423,12 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         steps = counted(node.budget, "step") if isinstance(node.budget, int) else str(node.budget)
         if node.distilled:
             steps = f"exact answers, {counted(node.most_steps, 'step')} charged"
-        yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
+        edges = curriculum.in_edges(name)
+        # What a network takes over from its sources is a setting of its own, with a default.
+        how = f"; {node.shaping.name}" if node.deep and edges else ""
+        yield wrapped(f"{name}: {task}; {learner}; {steps}{how}", 2)
         if node.potential is not None:
             yield wrapped(f"a potential by hand for {name}", 4)
-        edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = f"; {edge.mapping.coverage()}" if edge.mapping.countable else ""
             yield wrapped(f"{label}: {edge.mapping.description}{cover}", 4)

@@ -469,22 +469,23 @@ class Curriculum:
 
         in_tables = [edge.source for edge in edges if not self.node(edge.source).deep]
         check_learner(node.learner, node.shaping if self.has_potential(name) else None, in_tables)
-        if isinstance(node.shaping, WeightTransfer):
+        if edges and isinstance(node.shaping, WeightTransfer):
             self._check_weights(name)
 
     def _check_weights(self, name: str) -> None:
         """Raise SettingError unless a task's network can begin as the network of its source."""
-        first, *more = self.in_edges(name)
-        if more:
+        sources = [edge.source for edge in self.in_edges(name)]
+        if len(sources) > 1:
             raise SettingError(
-                "WeightTransfer takes over the network of one source, and several in a chain, each "
-                f"the source of the next: {name!r} has {', '.join(e.source for e in (first, *more))}"
+                "WeightTransfer takes over the network of one source, of several in a chain, each "
+                f"the source of the next: {name!r} has {', '.join(sources)}"
             )
-        task, source = self.tasks[name].actions, self.tasks[first.source].actions
-        if space_form(task) != space_form(source):
+        tasks: list[Any] = [self.tasks[task] for task in (*sources, name)]
+        here, there = ((task.n_actions, task.actions.shape) for task in tasks)
+        if here != there:
             raise SettingError(
-                "WeightTransfer needs as many actions in the source as in the target: "
-                f"{first.source!r} has {source}, {name!r} has {task}"
+                "WeightTransfer needs equal numbers of actions in source and target: "
+                f"{sources[0]!r} has {tasks[0].actions}, {name!r} has {tasks[1].actions}"
             )
 
     def _default_learner(self, name: str) -> Any:
