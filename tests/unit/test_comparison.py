@@ -25,6 +25,7 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.planning import Target, target as target_module
 from curricle.statistics.curves import midpoint
 from curricle.statistics.intervals import interquartile_interval
+from curricle.transfer.rollouts import target_of
 from tests.support.comparisons import (
     ALL,
     MAZE,
@@ -215,6 +216,9 @@ def test_random_play_of_a_network_ends_as_its_evaluation_does():
     assert reference.random_error == pytest.approx(reference.random_noise / 2**0.5)
     assert len(made) <= 52
     assert len({*first}) >= 200
+    alone = target_of(task, evaluation, episodes=1)  # whose spread nothing tells
+    assert np.isfinite(alone.random_return)
+    assert np.isnan(alone.random.noise)
 
 
 def test_where_the_random_policy_is_optimal_up_to_rounding_there_is_nothing_to_learn():

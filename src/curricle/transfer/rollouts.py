@@ -160,7 +160,8 @@ class ObservationTarget:
         played = random_episodes(self.task, self.episodes, self.evaluation)
         rewards = [episode.rewards for episode in played]
         returns = discounted(rewards, self.evaluation.discount(self.task))
-        noise = float(returns.std(ddof=1) / np.sqrt(self.episodes))
+        spread = returns.std(ddof=1) if len(returns) > 1 else np.nan
+        noise = float(spread / np.sqrt(len(returns)))
         return Estimated(float(returns.mean()), noise, sum(map(len, rewards)))
 
     @property
