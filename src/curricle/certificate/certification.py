@@ -29,7 +29,7 @@ from curricle.tasks.graph import improper_states
 from curricle.tasks.mdp import FiniteMDP, Task, closed, generative_model, has_tables, tables
 from curricle.tasks.spaces import action_name, state_name, values_of
 from curricle.text import brief_repr, printed
-from curricle.transfer.bisimulation import numbered_rows
+from curricle.transfer.bisimulation import levels, numbered_rows
 
 LARGEST_EXACT = 20_000_000
 """Outcomes (S x A x O) up to which ``method="auto"`` compares every state (2 GB, seconds)."""
@@ -467,10 +467,7 @@ def longest_episode(mdp: FiniteMDP) -> float:
 
 def tied_exactly(reachable: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
     """Return whether the actions that may be optimal, (N, A), are proven equal in each state."""
-    mdp, block = reachable.mdp, np.empty(len(unshaped.values), np.int64)
-    order = np.argsort(unshaped.values)
-    apart = np.diff(unshaped.values[order]) > 2 * unshaped.error_bound
-    block[order] = np.append(0, np.cumsum(apart))
+    mdp, block = reachable.mdp, levels(unshaped.values, 2 * unshaped.error_bound)
     block[mdp.terminal] = -1
     # Blocks are split until, in each block, these actions have the same chances of the same
     # rewards and next blocks (bisimulation: Givan, Dean, Greig 2003).

@@ -357,11 +357,10 @@ RELATIVE_RESIDUAL = 1e-5  # residual, relative to the largest F, up to which a p
 
 @dataclass(frozen=True, eq=False)
 class Fit(Frozen):
-    """F as ``discount`` Phi(s') - Phi(s)."""
+    """F as gamma Phi(s') - Phi(s)."""
 
-    discount: float
     potential: FloatArray  # Phi, (S,); 0 in states that cannot be reached
-    residual: FloatArray  # F - discount Phi(s') + Phi(s), (E,)
+    residual: FloatArray  # F - gamma Phi(s') + Phi(s), (E,)
 
     @property
     def worst(self) -> float:
@@ -435,7 +434,7 @@ def fit(reachable: Reachable, f: FloatArray, discount: float, *, ends_are_zero: 
             best = np.divide(-pull, steep, out=np.zeros_like(pull), where=steep > 1e-18)
             phi = phi + best[group] * slope
             residual = residual + best[group[source]] * change
-        return Fit(discount, frozen(phi), residual)
+        return Fit(frozen(phi), residual)
 
 
 def _endless(reachable: Reachable, staying: BoolArray) -> IntArray:
@@ -472,7 +471,7 @@ def origin(task: Task, reachable: Reachable, f: FloatArray) -> Origin:
         form = f"F = {discount:g} Phi(s') - Phi(s) with Phi = 0 at the ends"
         return Origin(plain, plain, (f"{form}, to {plain.worst:.1g}",))
     move = reachable.source.astype(np.int64) * len(reachable.reached) + reachable.target
-    apart, *pair = widest(move[:, None], f)
+    apart, *pair = widest(move, f)
     if apart > enough:
         state, next_state = int(reachable.source[pair[0]]), int(reachable.target[pair[0]])
         sentence = different_by_action(task, state, next_state, f[pair], reachable.action[pair])
@@ -518,10 +517,9 @@ def different_by_action(
 
 
 def widest(keys: AnyInts, values: FloatArray) -> tuple[float, int, int]:
-    """Return the largest difference of two values with equal keys, (n, k), and their indices."""
-    order = np.lexsort((values, *keys.T))
-    same = (keys[order][1:] == keys[order][:-1]).all(axis=1)
-    first = np.flatnonzero(~np.concatenate([[False], same]))
+    """Return the largest difference of two values with equal keys, (n,), and their indices."""
+    order = np.lexsort((values, keys))
+    first = np.flatnonzero(np.diff(keys[order], prepend=-1))
     last = np.append(first[1:], len(order)) - 1
     apart = values[order[last]] - values[order[first]]
     group = int(apart.argmax())

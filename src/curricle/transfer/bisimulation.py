@@ -71,12 +71,12 @@ def refined(models: Sequence[Model]) -> list[Blocks]:
     joint = _joined(models)
     states = np.where(joint.terminal, 0, 1)
     largest = float(abs(joint.mean_reward).max(initial=0.0))
-    rewards, before = levels(joint.mean_reward, largest), len(np.unique(states))
+    rewards, before = levels(joint.mean_reward, PRECISION * largest), len(np.unique(states))
     while True:
         # Rows are alike if their rewards and the chances of each block are equal; states if their
         # sets of rows are equal.
         entered, chances = merged_outcomes(states[joint.next_state], joint.probability)
-        rows = numbered_rows(np.column_stack([rewards, entered, levels(chances, 1.0)]))
+        rows = numbered_rows(np.column_stack([rewards, entered, levels(chances, PRECISION)]))
         pairs = np.where(joint.terminal[:, None], -1, rows[joint.outcome_row])
         ordered = np.sort(pairs, axis=1)
         ordered[:, 1:][ordered[:, 1:] == ordered[:, :-1]] = -1
@@ -93,11 +93,11 @@ def refined(models: Sequence[Model]) -> list[Blocks]:
     ]  # fmt: skip
 
 
-def levels(values: FloatArray, largest: float) -> IntArray:
-    """Return a number for each value, equal where values differ only by rounding of the largest."""
+def levels(values: FloatArray, gap: float) -> IntArray:
+    """Return a number for each value, equal unless a wider gap lies between two values."""
     order = np.argsort(values, axis=None)
     ordered = values.ravel()[order]
-    apart = np.diff(ordered) > PRECISION * largest
+    apart = np.diff(ordered) > gap
     numbers = np.empty(values.size, np.int64)
     numbers[order] = np.concatenate([[0], np.cumsum(apart)]) if values.size else []
     return numbers.reshape(values.shape)
