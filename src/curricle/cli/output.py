@@ -29,7 +29,7 @@ from curricle.errors import CurricleError, SettingError, StoreError, in_words
 from curricle.files import Place, as_json, place_at
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.arms import Arms, units_of
-from curricle.study.config import StudyConfig, rivals
+from curricle.study.config import FORECAST_SEEDS, StudyConfig, rivals
 from curricle.study.results import StudyResults
 from curricle.study.running import check_runnable, usable_units
 from curricle.study.store import (
@@ -469,7 +469,6 @@ LONGEST_DISTILLED = 60.0  # the same where networks are distilled: there is no f
 LONGEST_EXAMINING = 300.0
 """Seconds that examining sources and a live target may take: nearly all episodes end long before
 the limit by which they are estimated."""
-SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
 def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], whole: bool) -> Data:
@@ -525,7 +524,7 @@ def forecast_of(
     """
     # Not the curriculum in `arms`, whose target has the total: a trial adds sources' steps.
     curriculum = study.curricula[arm]
-    most = min(SEEDS, len(study.seeds))
+    most = min(FORECAST_SEEDS, len(study.seeds))  # of the sources; one if that is slow
     a_step = next(cost.step_seconds for cost in costing if cost.task == arms.target)
     examining = most * examining_seconds(curriculum, a_step)
     if examining > LONGEST_EXAMINING and not whole:
