@@ -96,7 +96,8 @@ def _page_of_run(path: str | Place, pace: Pace) -> Iterator[Callable[[], None]]:
     from curricle.show.report import InterimReport, default_page, write_report  # with Matplotlib
 
     out = default_page(place_at(path))
-    live, begun = InterimReport(path, out, _complain), False
+    live = InterimReport(path, out, lambda sentence: typer.echo(f"curricle: {sentence}", err=True))
+    begun = False
 
     def write() -> None:
         nonlocal begun
@@ -125,10 +126,6 @@ def has_windows() -> bool:
     if sys.platform in ("win32", "darwin"):
         return True
     return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
-
-
-def _complain(sentence: str) -> None:
-    typer.echo(f"curricle: {sentence}", err=True)
 
 
 @contextmanager
