@@ -76,15 +76,13 @@ def test_charge_source_by_hand():
     np.testing.assert_allclose(charged.values, [[0, 0, 2.5, 3.5, 4], [0, 0, 2, 2, 2]])
     assert charged.source_steps.tolist() == [0, 0]
     assert charged.steps.tolist() == STEPS.tolist()
-    charged = charge_source(curve([1, 2, 3, 4, 5]), curve([9, 9, 9, 9, 9], source=1000))
-    assert charged.values.tolist() == [[1, 1, 1, 1, 1]]
-    steps = [100, 200, 300]
-    charged = charge_source(
-        curve([1, 2, 3], steps=steps), curve([7, 8, 9], steps=steps, source=100)
-    )
-    assert charged.values.tolist() == [[1, 7, 8]]
-    charged = charge_source(curve([NAN, 1, 2, 3, 4]), curve([NAN, 5, 6, 7, 8], source=100))
-    assert charged.values.tolist() == [[1, 5, 5, 6, 7]]
+    for steps, scratch, helped, source, expected in (
+        (STEPS, [1, 2, 3, 4, 5], [9, 9, 9, 9, 9], 1000, [1, 1, 1, 1, 1]),
+        (STEPS[1:4], [1, 2, 3], [7, 8, 9], 100, [1, 7, 8]),
+        (STEPS, [NAN, 1, 2, 3, 4], [NAN, 5, 6, 7, 8], 100, [1, 5, 5, 6, 7]),
+    ):
+        given = curve(scratch, steps=steps), curve(helped, steps=steps, source=source)
+        assert charge_source(*given).values.tolist() == [expected]
 
 
 def test_asymptotic_performance_is_the_mean_of_the_last_checkpoints():
