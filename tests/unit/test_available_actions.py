@@ -16,7 +16,7 @@ from curricle.planning.rollouts import random_rollouts, rollout
 from curricle.tasks import ComputedMDP
 from curricle.transfer.rollouts import potential_return
 from curricle.transfer.search import score_mapping
-from tests.support.tasks import dense_of, random_mdp, with_masks
+from tests.support.tasks import dense_of, random_mdp, ring_start, with_masks
 
 LIVE = [(1.0, 1, 0.0)]
 
@@ -359,9 +359,6 @@ def test_an_environment_of_a_task_shows_its_masks():
 def ring(**settings):
     """Return a ring of functions, where a long step may be taken from every third place alone."""
 
-    def start(n, bits):
-        return 1 + cr.tasks.integers(bits, n - 1)
-
     def step(n, state, action, bits):
         right = (action == 1) != (cr.tasks.uniform(bits) < 0.1)
         place = (state + (2 if action == 2 else 1 if right else n - 1)) % n
@@ -371,7 +368,7 @@ def ring(**settings):
         return action != 2 or (state % 3 == 0 and state > 0)
 
     spaces = cr.Space([cr.Component("place", 20)]), cr.Space([cr.Component("move", 3)])
-    return ComputedMDP(*spaces, start, step, 20, available=available, **settings)
+    return ComputedMDP(*spaces, ring_start, step, 20, available=available, **settings)
 
 
 def test_a_computed_task_in_dense_and_sparse_tables():
