@@ -72,9 +72,10 @@ class Workers:
         """Return the number of workers, or the last one that was known; EngineError if lost."""
         try:
             self._number = self.count()
-        except Exception as error:  # each cluster has its own
-            if isinstance(error, EngineError):
-                raise
+        except EngineError:
+            raise
+        except Exception:  # each cluster has its own
+            return self._number
         return self._number
 
 
