@@ -391,9 +391,11 @@ def test_the_command_prints_and_writes(small, tmp_path, curricle):
     assert (code, complaint) == (0, "")
     assert printed.startswith(f"{json.loads(data)['sentence']}\n")
     assert json.loads(data)["rows"][0]["name"] in printed
-    code, _, complaint = curricle("choose", small, "--out", out)
-    assert code == 1
-    assert "needs a new file" in complaint
+    nowhere = tmp_path / "nowhere" / "chosen.toml"
+    for place, says in ((out, "needs a new file"), (nowhere, "needs a folder that exists")):
+        code, printed, complaint = curricle("choose", small, "--out", place)
+        assert (code, printed) == (1, "")
+        assert says in complaint
 
 
 def test_show_says_how_far_a_choice_is_and_what_it_was(small, tmp_path, curricle):

@@ -249,6 +249,8 @@ def choose(
     _announce_imports()
     if out is not None and out.exists():
         raise StoreError(f"a new study needs a new file: {out} is there already")
+    if out is not None and not out.parent.is_dir():  # before trials that take minutes
+        raise StoreError(f"a new study needs a folder that exists: {out.parent} is none")
     with json_alone(as_json) as answer:
         study = _read(file, None, changes)
         choice = chosen_of(study, seed=seed, progress=True)
