@@ -417,3 +417,9 @@ def test_what_a_template_shows_as_defaults_are_the_defaults(read, kind):
 def test_compare_refuses_a_study_of_which_it_would_leave_something_out(read, line):
     with pytest.raises(ConfigError, match=r"compare would leave out .*run_study\(study, FOLDER\)"):
         cr.compare(read(f"{line}\n{MAZE}"))
+
+
+def test_a_task_that_leads_nowhere_is_told_of_its_transfer(read):
+    stages = "".join(f'[tasks.{name}]\ntype = "maze"\nmap = "S.T"\n' for name in ("small", "large"))
+    with pytest.raises(ConfigError, match=r"got small, large; a transfer .* may be missing"):
+        _ = read(f'name = "stages"\nbudget = 9\n{stages}').curricula

@@ -391,7 +391,7 @@ def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources
     sentence = f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
     if not sources_are_dear(budget, total):
         return sentence
-    less = "smaller ones, of miniatures fewer resets, take less"
+    less = "smaller budgets of sources, or fewer resets of miniatures, are cheaper"
     return f"{sentence}; sources may take more than {target}: {less}"
 
 

@@ -755,8 +755,9 @@ def _wrong_names(plan: dict[str, Any]) -> Messages:
         yield ("transfers",), f"must have no cycle: got {' -> '.join(error.args[1])}"
         return
     if graph.parts and len(graph.targets) != 1:
-        targets = ", ".join(graph.targets) or "none"
-        yield ("tasks",), f"must have one that no other builds on: got {targets}"
+        several = ", ".join(graph.targets) or "none"
+        missing = "a transfer to the next task may be missing"
+        yield ("tasks",), f"must have one that no other builds on: got {several}; {missing}"
 
 
 # -- Functions of curricula that also take a study or the path of its file -------------------------
