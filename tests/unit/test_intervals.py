@@ -146,10 +146,11 @@ def test_profile_by_hand():
     assert np.isnan([profile.estimate, profile.low, profile.high]).all()
 
 
+@pytest.mark.parametrize("confidence", [0.5, 0.95])
 @pytest.mark.parametrize("above", [0, 1, 4, 9])
-def test_profile_has_wilsons_interval(above):
-    profile = performance_profile([1.0] * above + [0.0] * (9 - above), [0.5])
-    expected = scipy.stats.binomtest(above, 9).proportion_ci(0.95, method="wilson")
+def test_profile_has_wilsons_interval(above, confidence):
+    profile = performance_profile([1.0] * above + [0.0] * (9 - above), [0.5], confidence=confidence)
+    expected = scipy.stats.binomtest(above, 9).proportion_ci(confidence, method="wilson")
     assert bounds(profile) == (pytest.approx([expected.low]), pytest.approx([expected.high]))
     assert profile.high[0] - profile.low[0] > 0.04
 
@@ -226,7 +227,8 @@ def test_random_signs_follow_the_seed():
 
 WRONG = {
     partial(performance_profile, thresholds=[0.0]): {"scores": [[], ["good"]]},
-    partial(performance_profile, [1.0]): {"thresholds": [0.5]},
+    partial(performance_profile, [1.0]): {"thresholds": [0.5, [0.5, NAN]]},
+    partial(performance_profile, [1.0], [0.5]): {"confidence": [0]},
     partial(probability_of_improvement, b=[1.0]): {"a": [[]]},
     partial(probability_of_improvement, [1.0]): {"b": [[[1.0]], "b"]},
     partial(probability_of_improvement, [1.0], [1.0]): {"confidence": [1.5]},
