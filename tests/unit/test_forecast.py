@@ -492,7 +492,7 @@ THREE = cr.Curriculum({"near": LINE, "far": LINE, "other": LINE}, [EDGE], budget
     [
         (THREE, {"target": "moon"}, "a task must be one of near, far, other: got 'moon'"),
         (THREE, {"target": "near"}, "a forecast needs a task with a potential: 'near' has neither"),
-        (THREE, {"target": "far", "aggregates": [3]}, r"a function \(N, S, A\).*: got 3"),
+        (THREE, {"target": "far", "aggregates": [3]}, r"must be a function \(N, S, A\).*: got 3"),
         (EPISODES, {"trial": True}, "models and a budget in steps: the budget of 'far' is 9 epis"),
         (copied(LINE, evaluation=OFF), {"trial": True}, "greedy evaluation of 'far' is off"),
         (live_plan(), {"trial": True}, "a trial needs models and a budget in steps: 'near' is l"),

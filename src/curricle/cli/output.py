@@ -425,8 +425,8 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
             steps = f"exact answers, {counted(node.most_steps, 'step')} charged"
         edges = curriculum.in_edges(name)
         # What a network takes over from its sources is a setting of its own, with a default.
-        how = f"; {node.shaping.name}" if node.deep and edges else ""
-        yield wrapped(f"{name}: {task}; {learner}; {steps}{how}", 2)
+        shaping = f"; {node.shaping.name}" if node.deep and edges else ""
+        yield wrapped(f"{name}: {task}; {learner}; {steps}{shaping}", 2)
         if node.potential is not None:
             yield wrapped(f"a potential by hand for {name}", 4)
         for label, edge in zip(transfer_names(edges), edges, strict=True):

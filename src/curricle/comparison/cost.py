@@ -68,8 +68,8 @@ def costs(plan: Plan, units: Iterable[Unit]) -> list[Cost]:
 
 def live_words(plan: Plan, seeds: Collection[int]) -> str:
     """Return how long steps in live tasks will take, as text; empty without live tasks."""
-    every = plan.units(seeds, {})
-    units = [unit for unit in every if is_live(plan.curricula[unit.arm].tasks[unit.task])]
+    tasks = {arm: curriculum.tasks for arm, curriculum in plan.curricula.items()}
+    units = [unit for unit in plan.units(seeds, {}) if is_live(tasks[unit.arm][unit.task])]
     seconds = sum(cost.seconds for cost in costs(plan, units))
     sentence = f"steps in live environments will take at most about {duration(seconds)}"
     return sentence if units else ""

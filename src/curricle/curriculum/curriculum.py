@@ -480,12 +480,13 @@ class Curriculum:
                 "WeightTransfer takes over the network of one source, of several in a chain, each "
                 f"the source of the next: {name!r} has {', '.join(sources)}"
             )
-        tasks: list[Any] = [self.tasks[task] for task in (*sources, name)]
-        here, there = ((task.n_actions, task.actions.shape) for task in tasks)
-        if here != there:
+        source: Any = self.tasks[sources[0]]
+        target: Any = self.tasks[name]
+        of_source, of_target = source.actions, target.actions
+        if (source.n_actions, of_source.shape) != (target.n_actions, of_target.shape):
             raise SettingError(
                 "WeightTransfer needs equal numbers of actions in source and target: "
-                f"{sources[0]!r} has {tasks[0].actions}, {name!r} has {tasks[1].actions}"
+                f"{sources[0]!r} has {of_source}, {name!r} has {of_target}"
             )
 
     def _default_learner(self, name: str) -> Any:

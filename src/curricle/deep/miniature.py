@@ -144,8 +144,8 @@ class Miniatures(ObservationTask):
     @property
     def transitions(self) -> int:
         """Steps in the small models, each action in each state once, or as often as is sampled."""
-        each = self.plan.samples or 1
-        return each * sum(member.table.record.transitions for member in self.solved)
+        tries = self.plan.samples or 1
+        return tries * sum(member.table.record.transitions for member in self.solved)
 
     @property
     def cost(self) -> int:
@@ -230,8 +230,7 @@ def miniatures(
     whole_number("resets of miniatures", resets, 1, TaskError)
     number("held_out of miniatures", held_out, TaskError, low=0, high=0.9)
     whole_number("charged of miniatures", charged, 0, TaskError)
-    limits: Any = {"max_states": max_states, "max_seconds": max_seconds}
-    plan = Plan(resets, state, samples=samples, **limits)
+    plan = Plan(resets, state, samples=samples, max_states=max_states, max_seconds=max_seconds)
     return Miniatures(
         first.make, first.discount, first.time_limit, tuple(members), tuple(tested_on), plan,
         held_out, charged,

@@ -172,8 +172,8 @@ def learn_fast(model, rule, tables, beside, members, learnt_model, course):
     while True:
         if step == checkpoint * eval_freq:
             if members is not None:
-                ahead = source_is_ahead(members.tally)
-                share, learnt = np.float64(ahead), members.source if ahead else members.sober
+                leads = source_is_ahead(members.tally)
+                share, learnt = np.float64(leads), members.source if leads else members.sober
             value = greedy_return(course.evaluation, model, learnt)
             if beside is not None:
                 first = row_of(table, start, False)

@@ -535,8 +535,8 @@ def shown_returns(result: LearningResult) -> tuple[str, FloatArray]:
 def ends_of(result: LearningResult) -> tuple[float, float]:
     """Return the lowest and the highest return in a result's task, or else in the result."""
     # Of a discounted evaluation or another: a result does not know which its own was.
-    known = [possible_returns(result.task, 1.0)]
-    if known[0] is not None:
-        known.append(possible_returns(result.task, generative_model(result.task).discount))
-    ends = [end for pair in known if pair is not None for end in pair]
-    return (min(ends), max(ends)) if None not in known else extremes([shown_returns(result)[1]])
+    pairs = [possible_returns(result.task, 1.0)]
+    if pairs[0] is not None:
+        pairs.append(possible_returns(result.task, generative_model(result.task).discount))
+    ends = [end for pair in pairs if pair is not None for end in pair]
+    return (min(ends), max(ends)) if None not in pairs else extremes([shown_returns(result)[1]])

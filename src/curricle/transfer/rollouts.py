@@ -130,7 +130,7 @@ def _episodes(
     together = min(episodes, OBSERVATION_ROLLOUTS)
     with closing(Environments(task, together, horizon)) as environments:
         for first in range(0, episodes, together):
-            # Their numbers are in the lower bits, so that all episodes begin differently.
+            # Environments' numbers are in the lower bits, so that all episodes begin differently.
             played = environments.rollouts(policy, start ^ first << 32)
             yield from played[: episodes - first]
 
